@@ -1,0 +1,54 @@
+"""A sampling-based motion planner in the Frenet frame, as pure functions on JAX arrays.
+
+    import jaxfrenet as jf
+
+    config = jf.PlannerConfig()
+    state = jf.reset(config, scenario)
+    cycle = jf.plan(config, scenario, state, jf.CostWeights())
+    state, report = jf.step(config, scenario, state, jf.CostWeights())
+"""
+
+from jaxfrenet.config import DT, PlannerConfig
+from jaxfrenet.costs import COST_TERMS, CostWeights
+from jaxfrenet.planner import PlanMode, PlanningCycle, plan
+from jaxfrenet.prediction import Prediction, predict
+from jaxfrenet.reference_path import ReferencePath
+from jaxfrenet.scenario import Goal, InitialState, Lanes, ObstacleKind, Obstacles, Road, Scenario
+from jaxfrenet.simulation import Episode, StepReport, max_steps, reset, roll_out, step
+from jaxfrenet.state import Outcome, SimulationState
+from jaxfrenet.trajectories import Bundle, EgoState
+from jaxfrenet.vehicle import BMW_320I, FORD_ESCORT, VW_VANAGON, Vehicle
+
+__all__ = [
+    "BMW_320I",
+    "COST_TERMS",
+    "DT",
+    "FORD_ESCORT",
+    "VW_VANAGON",
+    "Bundle",
+    "CostWeights",
+    "EgoState",
+    "Episode",
+    "Goal",
+    "InitialState",
+    "Lanes",
+    "ObstacleKind",
+    "Obstacles",
+    "Outcome",
+    "PlanMode",
+    "PlannerConfig",
+    "PlanningCycle",
+    "Prediction",
+    "ReferencePath",
+    "Road",
+    "Scenario",
+    "SimulationState",
+    "StepReport",
+    "Vehicle",
+    "max_steps",
+    "plan",
+    "predict",
+    "reset",
+    "roll_out",
+    "step",
+]

@@ -1,0 +1,49 @@
+"""What every predictor returns."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from jaxfrenet._pytree import pytree_dataclass
+
+
+@pytree_dataclass
+class Prediction:
+    """Where obstacles will be: a Gaussian per obstacle and coming step; entry 0 is the next step.
+
+    Entries that are not valid hold finite numbers without meaning; their covariance is the identity.
+    """
+
+    mean: Float[Array, "*batch 2"]
+    """`[obstacles, steps, 2]`, m, centre."""
+    covariance: Float[Array, "*batch 2 2"]
+    """`[obstacles, steps, 2, 2]`, m², positive definite."""
+    heading: Float[Array, "*batch"]
+    """`[obstacles, steps]`, rad."""
+    speed: Float[Array, "*batch"]
+    """`[obstacles, steps]`, m/s."""
+    valid: Bool[Array, "*batch"]
+    """`[obstacles, steps]`."""
+    length: Float[Array, "*obstacles"]
+    """`[obstacles]`, m, enlarged by the safety margin."""
+    width: Float[Array, "*obstacles"]
+    """`[obstacles]`, m, enlarged by the safety margin."""
+
+    def first(self, steps: int) -> Prediction:
+        """The first `steps` coming steps; as many as there are if fewer, then padded as not valid."""
+        missing = max(0, steps - self.valid.shape[-1])
+
+        def cut(value: Array) -> Array:
+            widths = [(0, 0), (0, missing)] + [(0, 0)] * (value.ndim - 2)
+            return jnp.pad(value[:, :steps], widths, mode="edge")
+
+        valid = jnp.pad(self.valid[:, :steps], ((0, 0), (0, missing)))
+        moving = (self.mean, self.covariance, self.heading, self.speed)
+        return Prediction(*(cut(value) for value in moving), valid, self.length, self.width)
+
+    def at(self, obstacle: Array, step: Array) -> Prediction:
+        """Entries of some pairs of obstacle and step, both int `[pairs]`: every field gets the leading axis `pairs`."""
+        moving = (self.mean, self.covariance, self.heading, self.speed, self.valid)
+        picked = (value[obstacle, step] for value in moving)
+        return Prediction(*picked, self.length[obstacle], self.width[obstacle])
