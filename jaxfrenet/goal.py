@@ -51,14 +51,15 @@ def desired_speed(
     center_arc_length: Float[Array, ""],
     speed: Float[Array, ""],
 ) -> Float[Array, ""]:
-    """The speed [m/s] that reaches the goal's start in the middle of its time interval.
+    """The speed [m/s] that reaches the middle of the goal region in the middle of its time interval.
 
+    The middle, not the start: an ego that aims at the start arrives at the last moment, and is late after any delay.
     Inside the goal region, or once its time has passed: the middle of its speed interval, if it names one, else the
     current speed. Clipped to the current speed ± 5 m/s and to [0, 50]. Of several goal states the first is aimed at.
     """
     inside = is_inside(goal.edges[0, :, 0], goal.edges[0, :, 1], goal.edge_valid[0], center) | ~goal.has_position[0]
-    remaining = DT * (0.5 * (goal.steps[0, 0] + goal.steps[0, 1]) - step)
-    distance = jnp.maximum(goal.arc_length[0, 0] - center_arc_length, 0.0)
+    remaining = DT * (0.5 * jnp.sum(goal.steps[0]).astype(jnp.float32) - step.astype(jnp.float32))
+    distance = jnp.maximum(0.5 * jnp.sum(goal.arc_length[0]) - center_arc_length, 0.0)
     approach = distance / jnp.maximum(remaining, DT)
     cruise = jnp.where(goal.has_speed[0], 0.5 * (goal.speed[0, 0] + goal.speed[0, 1]), speed)
     wanted = jnp.where(inside | (remaining <= 0), cruise, approach)

@@ -127,6 +127,4 @@ def _hardest_stop(bundle: Bundle, feasible: Array, ego: EgoState) -> Array:
 def _standstill(ego: EgoState) -> EgoState:
     """The ego's state without motion."""
     zero = jnp.zeros_like(ego.speed)
-    return dataclasses.replace(
-        ego, speed=zero, acceleration=zero, arc_length_rate=zero, arc_length_acceleration=zero
-    )
+    return dataclasses.replace(ego, speed=zero, acceleration=zero, arc_length_rate=zero, arc_length_acceleration=zero)

@@ -33,7 +33,7 @@ class ObstacleKind(IntEnum):
 
 @pytree_dataclass
 class Obstacles:
-    """Recorded obstacles as oriented boxes over time."""
+    """Recorded obstacles as oriented boxes over time; a scenario without any has one that is never valid."""
 
     position: Float[Array, "*batch obstacles steps 2"]
     """`[obstacles, steps, 2]`, m, centre of the box."""

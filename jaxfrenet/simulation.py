@@ -143,11 +143,13 @@ def judge_state(config: PlannerConfig, scenario: Scenario, state: SimulationStat
         center[0], center[1], state.ego.heading, jnp.float32(vehicle.length), jnp.float32(vehicle.width)
     )
     road = scenario.road
-    off_road = is_off_road(road.segments, road.valid, center, state.ego.heading, 2 * box.half_length, 2 * box.half_width)
+    off_road = is_off_road(
+        road.segments, road.valid, center, state.ego.heading, 2 * box.half_length, 2 * box.half_width
+    )
     verdicts = (
         (hits_recorded(scenario.obstacles, state.step, box), Outcome.COLLISION_OBSTACLE),
         (off_road, Outcome.COLLISION_ROAD),
-        (state.step > TIME_LIMIT * last_step(goal), Outcome.TIMEOUT),
+        (state.step.astype(jnp.float32) > TIME_LIMIT * last_step(goal).astype(jnp.float32), Outcome.TIMEOUT),
         (past & ~met, Outcome.PAST_GOAL),
         (jnp.any(status.matches & in_time), Outcome.GOAL_REACHED_IN_TIME),
         (jnp.any(status.matches) & (state.step > last_step(goal)), Outcome.GOAL_REACHED_LATE),

@@ -41,4 +41,6 @@ class SimulationState:
     def center(self, vehicle: Vehicle) -> Float[Array, "2"]:
         """`[2]`, m, the vehicle's centre."""
         ahead = vehicle.rear_axle_to_center
-        return jnp.stack([self.ego.x + ahead * jnp.cos(self.ego.heading), self.ego.y + ahead * jnp.sin(self.ego.heading)])
+        return jnp.stack(
+            [self.ego.x + ahead * jnp.cos(self.ego.heading), self.ego.y + ahead * jnp.sin(self.ego.heading)]
+        )

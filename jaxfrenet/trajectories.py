@@ -203,9 +203,7 @@ def _to_cartesian(
 
     A point that is too slow to have a direction keeps the heading of the point before.
     """
-    held = _hold(
-        moving, across.slope_base, across.slope_gain, across.base, across.gain, frame.curvature, frame.heading
-    )
+    held = _hold(moving, across.slope_base, across.slope_gain, across.base, across.gain, frame.curvature, frame.heading)
     slope_base, slope_gain, base, gain, curvature_held, heading_held = (row[:, :, None, :] for row in held)
     e = shift[:, None]
     tangent = (slope_base + slope_gain * e) / (1.0 - curvature_held * (base + gain * e))

@@ -12,9 +12,9 @@ from jaxfrenet.scenario import Obstacles
 
 INITIAL_VARIANCE = 0.1
 """Position variance [m²] at the current step."""
-LONGITUDINAL_ACCELERATION = 0.6
+LONGITUDINAL_ACCELERATION = 0.35
 """Standard deviation [m/s²] of an unforeseen acceleration along the heading."""
-LATERAL_ACCELERATION = 0.25
+LATERAL_ACCELERATION = 0.2
 """Standard deviation [m/s²] of an unforeseen acceleration across the heading."""
 STATIC_VARIANCE = 0.02
 """Position variance [m²] of obstacles that never move."""

@@ -42,8 +42,8 @@ class Prediction:
         moving = (self.mean, self.covariance, self.heading, self.speed)
         return Prediction(*(cut(value) for value in moving), valid, self.length, self.width)
 
-    def at(self, obstacle: Array, step: Array) -> Prediction:
-        """Entries of some pairs of obstacle and step, both int `[pairs]`: every field gets the leading axis `pairs`."""
+    def at(self, scenario: Array, obstacle: Array, step: Array) -> Prediction:
+        """Entries of a batch at some triples, all int `[triples]`: every field gets the one leading axis `triples`."""
         moving = (self.mean, self.covariance, self.heading, self.speed, self.valid)
-        picked = (value[obstacle, step] for value in moving)
-        return Prediction(*picked, self.length[obstacle], self.width[obstacle])
+        picked = (value[scenario, obstacle, step] for value in moving)
+        return Prediction(*picked, self.length[scenario, obstacle], self.width[scenario, obstacle])

@@ -1,0 +1,1 @@
+"""The commands that a person runs: `python -m experiments.NAME --help`."""

@@ -1,0 +1,98 @@
+"""What `evaluate` reports: one row per episode, their summary, and the files that hold both."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, SupportsFloat
+
+import numpy as np
+
+import jaxfrenet as jf
+import scenarios
+from scenarios.files import written_whole
+
+OUTCOMES = tuple(outcome.name.lower() for outcome in jf.Outcome if outcome is not jf.Outcome.RUNNING)
+RISKS = ("mean_ego_risk", "max_ego_risk", "mean_third_party_risk", "max_third_party_risk")
+
+
+def episode_row(name: str, info: scenarios.ScenarioInfo, episode: jf.Episode) -> dict[str, Any]:
+    """One episode as the plain values of a row.
+
+    Args:
+      name: the scenario's name, of which there is no other in the set.
+      info: where the scenario comes from.
+      episode: without a batch axis, NumPy arrays.
+    """
+    steps = int(episode.steps)
+    driven = slice(0, steps + 1)
+    speed, reports = episode.ego.speed[driven], episode.reports
+    return {
+        "scenario": name,
+        "planning_problem": info.planning_problem_id,
+        "outcome": jf.Outcome(int(episode.outcome)).name.lower(),
+        "steps": steps,
+        **dict.fromkeys(RISKS),
+        "mean_speed": _number(np.mean(speed)),
+        "final_speed": _number(speed[-1]),
+        "distance": _number(episode.ego.arc_length[steps] - episode.ego.arc_length[0]),
+        "max_abs_offset": _number(np.max(np.abs(episode.ego.offset[driven]))),
+        "mean_cost": _number(np.mean(reports.cost[:steps])),
+        "mean_feasible_share": _number(np.mean(reports.feasible_share[:steps])),
+        "emergency_steps": int(np.sum(reports.mode[:steps] == jf.PlanMode.EMERGENCY)),
+    }
+
+
+def _number(value: SupportsFloat) -> float | None:
+    """A float that JSON can hold, with the six digits that float32 carries; None for what is not finite."""
+    return float(f"{float(value):.6g}") if np.isfinite(float(value)) else None
+
+
+def summarize(
+    rows: Sequence[dict[str, Any]], skipped: Sequence[scenarios.Skipped], seconds: float, compile_seconds: float
+) -> dict[str, Any]:
+    """Counts of outcomes and the totals of all episodes; times in s, without importing the scenarios."""
+    counts = Counter(row["outcome"] for row in rows)
+    return {
+        "scenarios": len(rows),
+        **{outcome: counts[outcome] for outcome in OUTCOMES},
+        "mean_ego_risk": None,
+        "mean_third_party_risk": None,
+        "mean_speed": _number(np.mean([row["mean_speed"] for row in rows])),
+        "seconds": round(seconds, 3),
+        "compile_seconds": round(compile_seconds, 3),
+        "planning_cycles": sum(row["steps"] for row in rows),
+        "skipped": [one._asdict() for one in skipped],
+    }
+
+
+def write_results(folder: Path, config: dict[str, Any], summary: dict[str, Any], rows: list[dict[str, Any]]) -> None:
+    """Write `results.json` and `episodes.csv`, each whole or not at all."""
+    document = {"config": config, "summary": summary, "episodes": rows}
+    table = io.StringIO(newline="")
+    writer = csv.DictWriter(table, fieldnames=list(rows[0]))
+    writer.writeheader()
+    writer.writerows(rows)
+    with written_whole(folder / "results.json") as file:
+        file.write(json.dumps(document, indent=1, allow_nan=False).encode() + b"\n")
+    with written_whole(folder / "episodes.csv") as file:
+        file.write(table.getvalue().encode())
+
+
+def summary_table(summary: dict[str, Any]) -> list[tuple[str, str]]:
+    """Names and values of a summary, for people: outcomes that happened, speed, time."""
+    cycles = summary["planning_cycles"]
+    return [
+        ("scenarios", str(summary["scenarios"])),
+        *((outcome.replace("_", " "), str(summary[outcome])) for outcome in OUTCOMES if summary[outcome]),
+        ("skipped", str(len(summary["skipped"]))),
+        ("mean speed", f"{summary['mean_speed']:.2f} m/s"),
+        ("planning cycles", str(cycles)),
+        ("driving", f"{summary['seconds']:.1f} s"),
+        ("compiling", f"{summary['compile_seconds']:.1f} s"),
+        ("speed", f"{cycles / max(summary['seconds'], 1e-9):.0f} planning cycles/s"),
+    ]

@@ -1,0 +1,26 @@
+"""Where scenarios come from: CommonRoad files, folders and archives of them, and our own `.npz` sets."""
+
+from scenarios.batching import pad_to, sizes_of, stack
+from scenarios.builtin import builtin_paths
+from scenarios.collection import ScenarioSet, Skipped, load_set
+from scenarios.commonroad import ScenarioInfo, load, load_with_info
+from scenarios.errors import ScenarioError
+from scenarios.solution import write_solution
+from scenarios.storage import load_npz, save_npz
+
+__all__ = [
+    "ScenarioError",
+    "ScenarioInfo",
+    "ScenarioSet",
+    "Skipped",
+    "builtin_paths",
+    "load",
+    "load_npz",
+    "load_set",
+    "load_with_info",
+    "pad_to",
+    "save_npz",
+    "sizes_of",
+    "stack",
+    "write_solution",
+]

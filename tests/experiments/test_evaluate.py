@@ -1,0 +1,117 @@
+from __future__ import annotations
+
+import csv
+import json
+
+import pytest
+
+import jaxfrenet as jf
+import scenarios
+from experiments import evaluate
+from experiments._driving import cost_weights
+
+SUMMARY = {"scenarios", "mean_ego_risk", "mean_third_party_risk", "seconds", "planning_cycles", "skipped"}
+OUTCOMES = {
+    "goal_reached_in_time",
+    "goal_reached_faster",
+    "goal_reached_late",
+    "collision_obstacle",
+    "collision_road",
+    "infeasible",
+    "timeout",
+    "past_goal",
+}
+RISKS = {"mean_ego_risk", "max_ego_risk", "mean_third_party_risk", "max_third_party_risk"}
+
+
+def read(folder):
+    return json.loads((folder / "results.json").read_text(encoding="utf-8"))
+
+
+def test_results_have_the_promised_fields(evaluated):
+    results = read(evaluated)
+    assert set(results) == {"config", "summary", "episodes"}
+    assert set(results["summary"]) >= SUMMARY | OUTCOMES
+    for episode in results["episodes"]:
+        assert {"scenario", "outcome", "steps"} | RISKS <= set(episode)
+        assert episode["outcome"] in OUTCOMES
+        assert episode["steps"] > 0
+
+
+def test_summary_adds_up(evaluated):
+    results = read(evaluated)
+    summary, episodes = results["summary"], results["episodes"]
+    assert summary["scenarios"] == len(episodes) == len(scenarios.builtin_paths())
+    for outcome in OUTCOMES:
+        assert summary[outcome] == sum(episode["outcome"] == outcome for episode in episodes)
+    assert sum(summary[outcome] for outcome in OUTCOMES) == summary["scenarios"]
+    assert summary["planning_cycles"] == sum(episode["steps"] for episode in episodes)
+    assert summary["skipped"] == []
+
+
+def test_risks_are_unknown_rather_than_zero(evaluated):
+    results = read(evaluated)
+    assert results["summary"]["mean_ego_risk"] is None
+    assert all(episode[risk] is None for episode in results["episodes"] for risk in RISKS)
+
+
+def test_csv_equals_json(evaluated):
+    episodes = read(evaluated)["episodes"]
+    with (evaluated / "episodes.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert rows == [{name: "" if value is None else str(value) for name, value in row.items()} for row in episodes]
+
+
+def test_results_agree_with_the_closed_loop(evaluated, builtin_file):
+    scenario_set = scenarios.load_set([builtin_file])
+    scenario, name = scenario_set.scenarios[0], scenario_set.infos[0].name
+    episode = jf.roll_out(jf.PlannerConfig(), scenario, jf.CostWeights(), jf.max_steps(scenario))
+    row = next(row for row in read(evaluated)["episodes"] if row["scenario"] == name)
+    assert row["outcome"] == jf.Outcome(int(episode.outcome)).name.lower()
+    assert row["steps"] == int(episode.steps)
+    assert row["final_speed"] == pytest.approx(float(episode.ego.speed[row["steps"]]), rel=1e-2)
+
+
+def test_one_solution_file_per_episode(evaluated):
+    names = {f"{episode['scenario']}.xml" for episode in read(evaluated)["episodes"]}
+    assert {path.name for path in (evaluated / "solutions").iterdir()} == names
+
+
+def test_config_records_what_was_asked_for(evaluated):
+    config = read(evaluated)["config"]
+    assert config["predictor"] == "constant_velocity"
+    assert config["weights"] == {name: getattr(jf.CostWeights(), name) for name in jf.CostWeights().names()}
+
+
+def test_weights_replace_the_default_ones():
+    weights = cost_weights(("prediction=50", "jerk=0.1"))
+    assert (weights.prediction, weights.jerk) == (50.0, 0.1)
+    assert weights.lateral_jerk == jf.CostWeights().lateral_jerk
+    assert weights.acceleration is None
+
+
+def test_scenarios_of_one_name_keep_their_own_files():
+    infos = scenarios.load_set(scenarios.builtin_paths()).infos
+    names = evaluate.unique_names([*infos, *infos])
+    assert names[: len(infos)] == [info.name for info in infos]
+    assert len(set(names)) == 2 * len(infos)
+
+
+def test_a_broken_file_among_good_ones_is_listed(mixed_folder, tmp_path, capsys):
+    evaluate.main(["--scenarios", str(mixed_folder), "--out", str(tmp_path / "out")])
+    summary = read(tmp_path / "out")["summary"]
+    assert summary["scenarios"] == len(scenarios.builtin_paths())
+    assert [skipped["file"].endswith("broken.xml") for skipped in summary["skipped"]] == [True]
+    assert "skipped" in capsys.readouterr().out
+
+
+def test_nothing_temporary_is_left(evaluated):
+    assert {path.name for path in evaluated.iterdir()} == {"results.json", "episodes.csv", "solutions"}
+
+
+def test_help_explains_the_options(capsys):
+    with pytest.raises(SystemExit) as stop:
+        evaluate.main(["--help"])
+    assert stop.value.code == 0
+    shown = capsys.readouterr().out
+    assert all(option in shown for option in ("--scenarios", "--weights", "--predictor", "--solutions", "--seed"))
