@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -89,11 +90,14 @@ def load_scenarios(options: DrivingOptions) -> scenarios.ScenarioSet:
     """
     if not options.scenarios:
         raise UserError("--scenarios: no file named; name at least one, or leave the option out")
-    paths: list[Path] = []
-    for path in options.scenarios:
-        paths += scenarios.builtin_paths() if path == BUILTIN else [path]
+    paths = scenario_paths(options.scenarios)
     with tqdm(desc="importing", unit=" files", delay=5.0) as bar:
         return scenarios.load_set(paths, options.planning_problem, partial(_show_progress, bar))
+
+
+def scenario_paths(sources: Iterable[Path]) -> list[Path]:
+    """The paths that `--scenarios` names; `builtin` stands for the project's own files."""
+    return [path for source in sources for path in (scenarios.builtin_paths() if source == BUILTIN else [source])]
 
 
 def _show_progress(bar: tqdm, done: int, total: int) -> None:

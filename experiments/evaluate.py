@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -78,10 +79,18 @@ def _write_solutions(
     episodes: Sequence[jf.Episode],
     vehicle: jf.Vehicle,
 ) -> None:
-    for name, info, scenario, episode in zip(names, found.infos, found.scenarios, episodes, strict=True):
-        driven = slice(0, int(episode.steps) + 1)
-        motion = {field: getattr(episode.ego, field)[driven] for field in ("x", "y", "heading", "speed", "curvature")}
-        scenarios.write_solution(folder / f"{name}.xml", info, scenario, vehicle, **motion)
+    """Write one file per episode; the folder takes the place of an earlier run's when it is complete."""
+    with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".solutions.") as partial:
+        fresh = Path(partial) / "solutions"
+        for name, info, scenario, episode in zip(names, found.infos, found.scenarios, episodes, strict=True):
+            driven = slice(0, int(episode.steps) + 1)
+            motion = {
+                field: getattr(episode.ego, field)[driven] for field in ("x", "y", "heading", "speed", "curvature")
+            }
+            scenarios.write_solution(fresh / f"{name}.xml", info, scenario, vehicle, **motion)
+        if folder.is_dir():
+            folder.rename(Path(partial) / "earlier")
+        fresh.rename(folder)
 
 
 def _as_plain(options: EvaluateOptions, weights: jf.CostWeights) -> dict[str, Any]:

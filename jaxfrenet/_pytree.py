@@ -18,7 +18,7 @@ def pytree_dataclass(cls: type[T]) -> type[T]:
     strings), which annotations that are checked in tests would refuse.
     """
     data_class = dataclasses.dataclass(frozen=True)(cls)
-    names = tuple(field.name for field in dataclasses.fields(data_class))
+    names = tuple(field.name for field in dataclasses.fields(data_class))  # pyright: ignore[reportArgumentType]
 
     def flatten_with_keys(instance: Any):
         return tuple((jax.tree_util.GetAttrKey(name), getattr(instance, name)) for name in names), None

@@ -40,7 +40,7 @@ class ScenarioSet:
         return len(self.scenarios)
 
 
-class _Source(NamedTuple):
+class ScenarioFile(NamedTuple):
     """One CommonRoad file, wherever it lies."""
 
     name: str
@@ -67,7 +67,7 @@ def load_set(
     if not paths:
         raise ScenarioError("no scenario given; name CommonRoad files, folders, archives or .npz sets")
     kept = [_load_kept(Path(path)) for path in paths if str(path).endswith(".npz")]
-    sources = [source for path in paths if not str(path).endswith(".npz") for source in _sources(Path(path))]
+    sources = [source for path in paths if not str(path).endswith(".npz") for source in scenario_files(Path(path))]
     if len(sources) == 1 and not kept and str(paths[0]).endswith(".xml"):
         scenario, info = load_with_info(paths[0], planning_problem)
         return ScenarioSet((scenario,), (info,))
@@ -91,7 +91,7 @@ def _load_kept(path: Path) -> ScenarioSet:
 
 
 def _load_sources(
-    sources: list[_Source], planning_problem: int | None, report: Callable[[int, int], None]
+    sources: list[ScenarioFile], planning_problem: int | None, report: Callable[[int, int], None]
 ) -> ScenarioSet:
     loaded, skipped = [], []
     for count, source in enumerate(sources):
@@ -116,16 +116,20 @@ def _reporter(progress: bool | Callable[[int, int], None]) -> Callable[[int, int
     return write if progress else lambda done, total: None
 
 
-def _sources(path: Path) -> list[_Source]:
-    """The CommonRoad files that a path stands for, by name."""
+def scenario_files(path: Path) -> list[ScenarioFile]:
+    """The CommonRoad files that a path stands for, by name: itself, or those in a folder or archive.
+
+    Raises:
+      ScenarioError: the path is missing, holds no CommonRoad file, or is not a complete archive.
+    """
     if not path.exists():
         raise ScenarioError(f"{path}: no such file or folder; check the path")
     if path.is_dir():
-        found = [_Source(str(file), file.read_bytes) for file in sorted(path.rglob("*.xml")) if file.is_file()]
+        found = [ScenarioFile(str(file), file.read_bytes) for file in sorted(path.rglob("*.xml")) if file.is_file()]
     elif path.name.endswith(ARCHIVES):
         found = sorted(_members(path))
     elif path.suffix == ".xml":
-        return [_Source(str(path), path.read_bytes)]
+        return [ScenarioFile(str(path), path.read_bytes)]
     else:
         raise ScenarioError(
             f"{path}: neither a folder nor one of .xml, .npz, {', '.join(ARCHIVES)}; rename or convert it"
@@ -135,14 +139,14 @@ def _sources(path: Path) -> list[_Source]:
     return found
 
 
-def _members(path: Path) -> Iterator[_Source]:
+def _members(path: Path) -> Iterator[ScenarioFile]:
     """The `.xml` members of an archive, read into memory."""
     if not path.stat().st_size:
         raise ScenarioError(f"{path}: archive is empty (0 bytes); get it again")
     try:
         for name, data in _zip_members(path) if path.suffix == ".zip" else _tar_members(path):
             if name.endswith(".xml") and not Path(name).name.startswith("."):
-                yield _Source(f"{path}/{name}", lambda data=data: data)
+                yield ScenarioFile(f"{path}/{name}", lambda data=data: data)
     except BROKEN_ARCHIVE as error:
         raise ScenarioError(f"{path}: not a complete archive ({_short(error)}); get it again") from None
 

@@ -38,12 +38,25 @@ class Prediction:
             widths = [(0, 0), (0, missing)] + [(0, 0)] * (value.ndim - 2)
             return jnp.pad(value[:, :steps], widths, mode="edge")
 
-        valid = jnp.pad(self.valid[:, :steps], ((0, 0), (0, missing)))
-        moving = (self.mean, self.covariance, self.heading, self.speed)
-        return Prediction(*(cut(value) for value in moving), valid, self.length, self.width)
+        return Prediction(
+            mean=cut(self.mean),
+            covariance=cut(self.covariance),
+            heading=cut(self.heading),
+            speed=cut(self.speed),
+            valid=jnp.pad(self.valid[:, :steps], ((0, 0), (0, missing))),
+            length=self.length,
+            width=self.width,
+        )
 
     def at(self, scenario: Array, obstacle: Array, step: Array) -> Prediction:
         """Entries of a batch at some triples, all int `[triples]`: every field gets the one leading axis `triples`."""
-        moving = (self.mean, self.covariance, self.heading, self.speed, self.valid)
-        picked = (value[scenario, obstacle, step] for value in moving)
-        return Prediction(*picked, self.length[scenario, obstacle], self.width[scenario, obstacle])
+        entry = scenario, obstacle, step
+        return Prediction(
+            mean=self.mean[entry],
+            covariance=self.covariance[entry],
+            heading=self.heading[entry],
+            speed=self.speed[entry],
+            valid=self.valid[entry],
+            length=self.length[scenario, obstacle],
+            width=self.width[scenario, obstacle],
+        )

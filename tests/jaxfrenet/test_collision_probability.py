@@ -40,8 +40,9 @@ def check_pose(x, y, heading, sigma_x, sigma_y, correlation):
     turn = rotation(heading).T
     mean = np.array([1.0, -2.0])
     expected = scipy_mass(turn @ (mean - [x, y]), turn @ covariance @ turn.T)
-    pose = (jnp.float32(value) for value in (x, y, np.cos(heading), np.sin(heading)))
-    seen = in_ego_frame(*pose, jnp.asarray(mean, jnp.float32), jnp.asarray(covariance, jnp.float32))
+    cos, sin = jnp.float32(np.cos(heading)), jnp.float32(np.sin(heading))
+    gaussian = jnp.asarray(mean, jnp.float32), jnp.asarray(covariance, jnp.float32)
+    seen = in_ego_frame(jnp.float32(x), jnp.float32(y), cos, sin, *gaussian)
     assert abs(float(mass(seen)) - expected) < 1e-4
 
 
@@ -113,7 +114,7 @@ def plain_cost(pose, prediction, trajectory) -> float:
         for point in range(1, pose[0].shape[1]):
             if not prediction.valid[obstacle, point - 1]:
                 continue
-            x, y, cos, sin = (np.float64(value[trajectory, point]) for value in pose)
+            x, y, cos, sin = (float(value[trajectory, point]) for value in pose)
             turn = np.array([[cos, sin], [-sin, cos]])
             covariance = turn @ np.float64(prediction.covariance[obstacle, point - 1]) @ turn.T
             center = np.float64(prediction.mean[obstacle, point - 1])
@@ -121,7 +122,7 @@ def plain_cost(pose, prediction, trajectory) -> float:
             size = 0.5 * np.array([prediction.length[obstacle], prediction.width[obstacle]], np.float64)
             corners = [center + body @ (np.array(sign) * size) for sign in ((1, 1), (1, -1), (-1, 1), (-1, -1))]
             for weight, place in [(1.0, center)] + [(0.5, corner) for corner in corners]:
-                total += weight * scipy_mass(turn @ (place - [x, y]), covariance)
+                total += weight * scipy_mass(turn @ (place - np.array([x, y])), covariance)
     return 1000.0 * total
 
 

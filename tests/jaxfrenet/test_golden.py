@@ -4,8 +4,6 @@ The file holds, per case, the path's tables, the ego's start, the prediction, an
 quantity. Its prediction counts an obstacle with n entries as valid for n - 1 of them.
 """
 
-from functools import partial
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -21,6 +19,19 @@ from jaxfrenet.trajectories import generate, initial_ego_state
 CONFIG = jf.PlannerConfig()
 WEIGHTS = jf.CostWeights(acceleration=0.0, jerk=0.0, orientation_offset=0.0)
 TOLERANCE = dict(s=2e-3, d=2e-3, x=2e-3, y=2e-3, theta=1e-3, s_dot=1e-3, v=1e-3, s_ddot=1e-2, a=1e-2, kappa=1e-3)
+
+FIELDS = dict(
+    s="arc_length",
+    d="offset",
+    x="x",
+    y="y",
+    theta="heading",
+    s_dot="arc_length_rate",
+    v="speed",
+    s_ddot="arc_length_acceleration",
+    a="acceleration",
+    kappa="curvature",
+)
 
 
 def single(value) -> jax.Array:
@@ -47,8 +58,7 @@ def prediction(case: dict) -> jf.Prediction:
     )
 
 
-@jax.jit
-def plan_bundle(path, start, desired_speed, predicted):
+def bundle_of(path, start, desired_speed, predicted):
     arc_length, offset = project(path, start[0], start[1])
     names = ("x", "y", "heading", "speed", "acceleration")
     ego = initial_ego_state(
@@ -65,6 +75,9 @@ def plan_bundle(path, start, desired_speed, predicted):
     inputs = costs.CostInputs(bundle, predicted, desired_speed, path, lanes)
     terms = costs.evaluate(CONFIG, WEIGHTS, inputs)
     return ego, end, bundle, feasibility.check(CONFIG, bundle), terms, terms @ WEIGHTS.values()
+
+
+plan_bundle = jax.jit(bundle_of)
 
 
 def case_names(golden_file) -> list[str]:
@@ -101,16 +114,7 @@ def test_initial_state_and_samples(results):
 
 @pytest.mark.parametrize("quantity", TOLERANCE)
 def test_points(results, quantity):
-    field = dict(
-        s="arc_length",
-        s_dot="arc_length_rate",
-        s_ddot="arc_length_acceleration",
-        d="offset",
-        theta="heading",
-        v="speed",
-        a="acceleration",
-        kappa="curvature",
-    ).get(quantity, quantity)
+    field = FIELDS[quantity]
     for name, (recorded, (_, _, bundle, *_)) in results.items():
         mine = rows_of(recorded, getattr(bundle.motion, field))
         worst = np.abs(mine - recorded[quantity][recorded["valid"]]).max()
@@ -179,5 +183,5 @@ def test_jit_agrees_with_eager(golden_file):
         prediction(recorded),
     )
     with jax.disable_jit():
-        eager = partial(plan_bundle.__wrapped__)(*arguments)
+        eager = bundle_of(*arguments)
     np.testing.assert_allclose(eager[-1], plan_bundle(*arguments)[-1], rtol=1e-4)

@@ -50,10 +50,10 @@ def test_diverse_files(data_root):
 
 @pytest.mark.parametrize(("name", "count"), [("tjunction-train", 410), ("tjunction-validation", 82)])
 def test_t_junction_files(data_root, name, count):
-    from scenarios.collection import _sources  # noqa: PLC2701
+    from scenarios.collection import scenario_files  # noqa: PLC2701
     from scenarios.commonroad import from_bytes
 
-    sources = _sources(archive(data_root, name))
+    sources = scenario_files(archive(data_root, name))
     assert len(sources) == count
     seconds = []
     for source in sources[::EVERY]:
