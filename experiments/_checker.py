@@ -67,10 +67,9 @@ def _road_edge(scenario: Any) -> Any:
     from commonroad_dc.boundary import boundary
     from commonroad_dc.pycrcc import CollisionChecker
 
-    edge = CollisionChecker()
-    edge.add_collision_object(
-        boundary.create_road_boundary_obstacle(
-            scenario, method="aligned_triangulation", axis=2, return_scenario_obstacle=False
-        )
+    outside: Any = boundary.create_road_boundary_obstacle(
+        scenario, method="aligned_triangulation", axis=2, return_scenario_obstacle=False
     )
+    edge = CollisionChecker()
+    edge.add_collision_object(outside)
     return edge

@@ -35,9 +35,9 @@ class Recording:
 def _plan_and_step(
     config: jf.PlannerConfig, scenario: jf.Scenario, state: jf.SimulationState, weights: jf.CostWeights
 ) -> tuple[jf.PlanningCycle, jf.SimulationState, jf.StepReport]:
-    """The cycle and the step that it leads to; the compiler plans once for both."""
+    """The cycle and the step that it leads to."""
     cycle = jf.plan(config, scenario, state, weights)
-    return cycle, *jf.step(config, scenario, state, weights)
+    return cycle, *jf.advance(config, scenario, state, cycle, weights)
 
 
 def record(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import multiprocessing
 import os
@@ -36,6 +37,8 @@ class VerifyOptions:
 
 def verify(options: VerifyOptions) -> None:
     """Judge every solution, compare with the outcome that `evaluate` reported, and print how often they agree."""
+    if importlib.util.find_spec("commonroad_dc") is None:
+        raise UserError("needs commonroad-drivability-checker, which is not installed; install jaxfrenet[checker]")
     document = _read_results(options.results)
     texts = _scenario_texts(document["config"]["scenarios"])
     episodes = _chosen(document["episodes"], options.limit)
@@ -54,9 +57,12 @@ def _read_results(folder: Path) -> dict[str, Any]:
         raise UserError(f"{path}: no such file; run evaluate --solutions --out {folder} first")
     try:
         document = json.loads(path.read_bytes())
-        return document if document["episodes"] and document["config"]["scenarios"] else {}["nothing"]
+        complete = bool(document["episodes"] and document["config"]["scenarios"])
     except (ValueError, KeyError, TypeError):
-        raise UserError(f"{path}: is not a complete result of evaluate; run evaluate again") from None
+        complete = False
+    if not complete:
+        raise UserError(f"{path}: is not a complete result of evaluate; run evaluate again")
+    return document
 
 
 def _scenario_texts(sources: Sequence[str]) -> Callable[[str], bytes]:

@@ -14,7 +14,7 @@ from jaxfrenet.planner import PlanMode, PlanningCycle, plan
 from jaxfrenet.prediction import Prediction, predict
 from jaxfrenet.reference_path import ReferencePath
 from jaxfrenet.scenario import Goal, InitialState, Lanes, ObstacleKind, Obstacles, Road, Scenario
-from jaxfrenet.simulation import Episode, StepReport, max_steps, reset, roll_out, step
+from jaxfrenet.simulation import Episode, StepReport, advance, max_steps, reset, roll_out, step
 from jaxfrenet.state import Outcome, SimulationState
 from jaxfrenet.trajectories import Bundle, EgoState
 from jaxfrenet.vehicle import BMW_320I, FORD_ESCORT, VW_VANAGON, Vehicle
@@ -45,6 +45,7 @@ __all__ = [
     "SimulationState",
     "StepReport",
     "Vehicle",
+    "advance",
     "max_steps",
     "plan",
     "predict",

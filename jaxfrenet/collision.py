@@ -10,8 +10,10 @@ from jaxtyping import Array, Bool, Float
 
 from jaxfrenet._pytree import pytree_dataclass
 
-CONTACT_MARGIN = 1e-3
-"""Boxes closer than this [m] count as touching, so that float32 rounding never hides a collision."""
+SMALLEST_MARGIN = 2e-5
+"""Boxes that are nearer than this [m] count as touching, wherever they are."""
+MARGIN_PER_METER = 5e-7
+"""What is added to it per metre from the origin: a few roundings of a float32 coordinate."""
 
 
 @pytree_dataclass
@@ -38,9 +40,15 @@ class Box:
         return Box(*(jnp.expand_dims(field, axis) for field in vars(self).values()))
 
 
+def contact_margin(x: Float[Array, "*shape"], y: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+    """Distance [m] below which things at `x`, `y` [m] count as touching, so that rounding never hides a collision."""
+    return SMALLEST_MARGIN + MARGIN_PER_METER * (jnp.abs(x) + jnp.abs(y))
+
+
 def boxes_overlap(a: Box, b: Box) -> Bool[Array, "*shape"]:
     """Whether boxes `a` and `b` overlap or touch; broadcast over their shapes."""
     dx, dy = b.x - a.x, b.y - a.y
+    margin = contact_margin(a.x, a.y)
     cos = jnp.abs(a.cos * b.cos + a.sin * b.sin)
     sin = jnp.abs(a.cos * b.sin - a.sin * b.cos)
 
@@ -49,7 +57,7 @@ def boxes_overlap(a: Box, b: Box) -> Bool[Array, "*shape"]:
         across = jnp.abs(dy * first.cos - dx * first.sin)
         reach_along = first.half_length + second.half_length * cos + second.half_width * sin
         reach_across = first.half_width + second.half_length * sin + second.half_width * cos
-        return (along <= reach_along + CONTACT_MARGIN) & (across <= reach_across + CONTACT_MARGIN)
+        return (along <= reach_along + margin) & (across <= reach_across + margin)
 
     return meets(a, b) & meets(b, a)
 
@@ -60,7 +68,8 @@ def box_meets_segment(box: Box, start: Float[Array, "*#shape 2"], end: Float[Arr
     dx, dy = middle[..., 0] - box.x, middle[..., 1] - box.y
     x, y = dx * box.cos + dy * box.sin, dy * box.cos - dx * box.sin
     hx, hy = half[..., 0] * box.cos + half[..., 1] * box.sin, half[..., 1] * box.cos - half[..., 0] * box.sin
-    length, width = box.half_length + CONTACT_MARGIN, box.half_width + CONTACT_MARGIN
+    margin = contact_margin(box.x, box.y)
+    length, width = box.half_length + margin, box.half_width + margin
     inside = (jnp.abs(x) <= length + jnp.abs(hx)) & (jnp.abs(y) <= width + jnp.abs(hy))
     return inside & (jnp.abs(x * hy - y * hx) <= length * jnp.abs(hy) + width * jnp.abs(hx))
 

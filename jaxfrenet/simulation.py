@@ -94,15 +94,21 @@ def step(
 ) -> tuple[SimulationState, StepReport]:
     """Plan, move the ego to the chosen trajectory's next point, and judge how the episode stands.
 
-    Without a feasible trajectory the episode ends as infeasible and the ego stays. An episode that has ended is not
-    to be stepped further: callers that keep a batch running freeze it, as `roll_out` does.
+    An episode that has ended is not to be stepped further: callers that keep a batch running freeze it, as `roll_out`
+    does.
     """
-    cycle = plan(config, scenario, state, weights)
-    moved = SimulationState(
-        ego=jax.tree.map(lambda points: points[1], cycle.trajectory),
-        step=state.step + 1,
-        outcome=state.outcome,
-        met_goal_region=state.met_goal_region,
+    return advance(config, scenario, state, plan(config, scenario, state, weights), weights)
+
+
+def advance(
+    config: PlannerConfig, scenario: Scenario, state: SimulationState, cycle: PlanningCycle, weights: CostWeights
+) -> tuple[SimulationState, StepReport]:
+    """`step` for callers that have planned already: `cycle` is what `plan` made of the other arguments.
+
+    Without a feasible trajectory the episode ends as infeasible and the ego stays.
+    """
+    moved = dataclasses.replace(
+        state, ego=jax.tree.map(lambda points: points[1], cycle.trajectory), step=state.step + 1
     )
     judged = judge_state(config, scenario, moved)
     stuck = (judged.outcome == Outcome.RUNNING) & (cycle.mode == PlanMode.INFEASIBLE)
@@ -197,14 +203,14 @@ def roll_out(config: PlannerConfig, scenario: Scenario, weights: CostWeights, ma
         state = carry[0]
         return (state.outcome == Outcome.RUNNING) & (state.step < max_steps)
 
-    def advance(carry: tuple[SimulationState, EgoState, StepReport]) -> tuple[SimulationState, EgoState, StepReport]:
+    def drive(carry: tuple[SimulationState, EgoState, StepReport]) -> tuple[SimulationState, EgoState, StepReport]:
         state, track, reports = carry
         moved, report = step(config, scenario, state, weights)
         track = jax.tree.map(lambda row, value: _set_from(row, moved.step, value), track, moved.ego)
         reports = jax.tree.map(lambda row, value: row.at[state.step].set(value), reports, report)
         return moved, track, reports
 
-    state, track, reports = jax.lax.while_loop(running, advance, (start, track, reports))
+    state, track, reports = jax.lax.while_loop(running, drive, (start, track, reports))
     return Episode(ego=track, reports=reports, outcome=state.outcome, steps=state.step)
 
 
