@@ -34,7 +34,8 @@ class DrivingOptions:
     weights: tuple[str, ...] = ()
     """Cost weights as NAME=VALUE, in place of the default ones; a wrong name lists all."""
     curvature_rate_limit: float | Literal["vehicle"] = 0.4
-    """Limit of the curvature's rate of change [1/(m s)], or `vehicle` for the bound of its steering rate."""
+    """Limit of the curvature's rate of change [1/(m s)], or `vehicle` for the steering rate and the friction circle of
+    the single-track model, as CommonRoad's feasibility check has them."""
     seed: int = 0
     """Seed of everything random; the default planner draws nothing."""
 

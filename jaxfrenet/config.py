@@ -34,7 +34,8 @@ class PlannerConfig:
     low_velocity_threshold: float = 2.0
     """Below this speed [m/s] the lateral polynomial runs over arc length instead of time."""
     curvature_rate_limit: float | Literal["vehicle"] = 0.4
-    """Largest change of curvature [1/(m·s)], or `"vehicle"` for the single-track model's own steering-rate limit."""
+    """Largest change of curvature [1/(m·s)], or `"vehicle"` for the limits that the kinematic single-track model has of
+    its own: steering rate and friction circle, which CommonRoad's feasibility check asks for."""
     sensor_radius: float = 80.0
     """Obstacles farther than this [m] from the ego are not predicted."""
     safety_length: float = 0.5

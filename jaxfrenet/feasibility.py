@@ -35,7 +35,8 @@ def check(config: PlannerConfig, bundle: Bundle) -> Feasibility:
     """Check every trajectory against the limits of the kinematic single-track model, up to its own end time.
 
     The limits are those of CommonRoad's vehicle models (Althoff et al. 2017): engine power above the switching speed,
-    full steering angle, steering rate (or `config.curvature_rate_limit`), and the yaw rate at full steering angle.
+    full steering angle, the yaw rate at full steering angle, and `config.curvature_rate_limit`, or in its place the
+    model's own steering rate and friction circle.
     Trajectories that are not valid have no violations.
     """
     motion, vehicle = bundle.motion, config.vehicle
@@ -43,7 +44,7 @@ def check(config: PlannerConfig, bundle: Bundle) -> Feasibility:
     inside = point <= bundle.end_step[:, None]
     speed, curvature = motion.speed, motion.curvature
     violations = dict(
-        acceleration=_exceeds_acceleration(config, motion.acceleration, speed) & inside,
+        acceleration=_exceeds_acceleration(config, motion.acceleration, speed, curvature) & inside,
         curvature=(jnp.abs(curvature) > vehicle.max_curvature) & (point >= 2) & (point < bundle.end_step[:, None] - 1),
         curvature_rate=_after_first(_exceeds_curvature_rate(config, curvature)) & inside,
         yaw_rate=_after_first(_exceeds_yaw_rate(config, bundle.cos, bundle.sin, speed)) & inside,
@@ -59,10 +60,14 @@ def _after_first(violated: Array) -> Array:
     return jnp.pad(violated, ((0, 0), (1, 0)))
 
 
-def _exceeds_acceleration(config: PlannerConfig, acceleration: Array, speed: Array) -> Array:
+def _exceeds_acceleration(config: PlannerConfig, acceleration: Array, speed: Array, curvature: Array) -> Array:
+    """Per point. The vehicle's own limits include the friction circle a² + (v²κ)² ≤ a_max²."""
     vehicle = config.vehicle
     highest = vehicle.max_acceleration * jnp.minimum(1.0, vehicle.switching_speed / jnp.maximum(speed, 1e-3))
-    return (acceleration < -vehicle.max_acceleration) | (acceleration > highest)
+    exceeds = (acceleration < -vehicle.max_acceleration) | (acceleration > highest)
+    if config.curvature_rate_limit == "vehicle":
+        exceeds |= acceleration**2 + (speed**2 * curvature) ** 2 > vehicle.max_acceleration**2
+    return exceeds
 
 
 def _exceeds_curvature_rate(config: PlannerConfig, curvature: Array) -> Array:

@@ -22,11 +22,11 @@ def cycle(config, world, thing):
 
 
 def term(cycle: jf.PlanningCycle, name: str) -> np.ndarray:
-    return cycle.costs[:, NAMES.index(name)]
+    return np.asarray(cycle.costs)[:, NAMES.index(name)]
 
 
 def over_time(values: np.ndarray) -> np.ndarray:
-    return simpson(values.astype(float), dx=0.1, axis=1)
+    return np.asarray(simpson(values.astype(float), dx=0.1, axis=1))
 
 
 def test_all_terms_are_finite_and_not_negative(cycle):

@@ -104,6 +104,14 @@ def test_curvature_rate_of_the_vehicle():
     assert 0.1 < got.mean() < 0.9
 
 
+def test_friction_circle_of_the_vehicle():
+    """Braking with 8 m/s² leaves √(11.5² - 8²) = 8.26 m/s² to the side; at 10 m/s that is a curvature of 0.0826 1/m."""
+    for curvature, ok in ((0.082, True), (0.083, False)):
+        made = bundle(acceleration=-8.0, curvature=curvature)
+        assert failed(made, curvature_rate_limit="vehicle") == only("" if ok else "acceleration")
+        assert failed(made) == only("")
+
+
 def test_yaw_rate_also_across_pi():
     """|Δθ|/dt ≤ κ_max v; headings are compared by direction, so a turn of 2π between two points is none."""
     rng = np.random.default_rng(1)
