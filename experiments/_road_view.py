@@ -118,8 +118,9 @@ class RoadView:
 
     def _show_traffic(self, state: jf.SimulationState, cycle: jf.PlanningCycle) -> None:
         obstacles = self._recording.scenario.obstacles
-        now = min(int(state.step), obstacles.valid.shape[-1] - 1)
-        seen = np.flatnonzero(obstacles.valid[:, now])
+        last = obstacles.valid.shape[-1] - 1
+        now = min(int(state.step), last)
+        seen = np.flatnonzero(obstacles.valid[:, now] & (state.step <= last) | obstacles.static)
         center, heading = obstacles.position[seen, now], obstacles.heading[seen, now]
         boxes = box_corners(center[:, 0], center[:, 1], heading, obstacles.length[seen], obstacles.width[seen])
         self._traffic.set_verts(list(boxes))
