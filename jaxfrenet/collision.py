@@ -6,9 +6,9 @@ All tests are separating-axis tests (Gottschalk et al. 1996) and broadcast over 
 from __future__ import annotations
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
 
 from jaxfrenet._pytree import pytree_dataclass
+from jaxfrenet._typing import Array, Bool, Float
 
 SMALLEST_MARGIN = 2e-5
 """Boxes that are nearer than this [m] count as touching, wherever they are."""

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
 
 from jaxfrenet._pytree import pytree_dataclass
+from jaxfrenet._typing import Array, Bool, Float, Int
 from jaxfrenet.collision import Box, boxes_overlap, swept_box
 from jaxfrenet.config import PlannerConfig
 from jaxfrenet.prediction.types import Prediction

@@ -9,9 +9,9 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
 from jaxfrenet._pytree import pytree_dataclass
+from jaxfrenet._typing import Array, Float
 from jaxfrenet.config import PlannerConfig
 from jaxfrenet.prediction.types import Prediction
 from jaxfrenet.vehicle import Vehicle

@@ -11,9 +11,9 @@ from collections.abc import Callable
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
 from jaxfrenet._pytree import pytree_dataclass
+from jaxfrenet._typing import Array, Float
 from jaxfrenet.collision_probability import collision_probability_cost
 from jaxfrenet.config import DT, PlannerConfig
 from jaxfrenet.prediction.types import Prediction
@@ -21,7 +21,8 @@ from jaxfrenet.reference_path import ReferencePath, look_up_columns
 from jaxfrenet.scenario import Lanes
 from jaxfrenet.trajectories import Bundle
 
-Weight = Float[Array, "*batch"] | float | None
+Weight = Array | float | None
+"""A number, an array of shape `[]` (or `[batch]` under `vmap`), or nothing."""
 
 
 @pytree_dataclass

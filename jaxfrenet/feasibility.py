@@ -6,9 +6,9 @@ import math
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool
 
 from jaxfrenet._pytree import pytree_dataclass
+from jaxfrenet._typing import Array, Bool
 from jaxfrenet.config import DT, PlannerConfig
 from jaxfrenet.trajectories import STANDSTILL, Bundle
 

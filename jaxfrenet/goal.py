@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
 
 from jaxfrenet._pytree import pytree_dataclass
+from jaxfrenet._typing import Array, Bool, Float
 from jaxfrenet.config import DT
 from jaxfrenet.road import is_inside
 from jaxfrenet.scenario import Goal

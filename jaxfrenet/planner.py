@@ -10,10 +10,10 @@ from enum import IntEnum
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
 
 from jaxfrenet import collision_check, costs, feasibility
 from jaxfrenet._pytree import pytree_dataclass
+from jaxfrenet._typing import Array, Float, Int
 from jaxfrenet.config import PlannerConfig
 from jaxfrenet.costs import CostInputs, CostWeights
 from jaxfrenet.feasibility import Feasibility

@@ -9,7 +9,8 @@ from __future__ import annotations
 from typing import Any
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+
+from jaxfrenet._typing import Array, Float
 
 
 def speed_shapes(tau: Any) -> tuple[tuple[Any, Any, Any], ...]:

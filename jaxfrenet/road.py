@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
 
+from jaxfrenet._typing import Array, Bool, Float
 from jaxfrenet.collision import Box, box_meets_segment
 from jaxfrenet.scenario import Road
 

@@ -9,9 +9,8 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-from jaxtyping import Array, Bool, Float, Int
-
 from jaxfrenet._pytree import pytree_dataclass
+from jaxfrenet._typing import Array, Bool, Float, Int
 from jaxfrenet.reference_path import ReferencePath
 
 

@@ -7,9 +7,9 @@ from functools import partial
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
 
 from jaxfrenet._pytree import pytree_dataclass
+from jaxfrenet._typing import Array, Bool, Float, Int
 from jaxfrenet.collision import Box, boxes_overlap
 from jaxfrenet.config import PlannerConfig
 from jaxfrenet.costs import CostWeights

@@ -5,9 +5,9 @@ from __future__ import annotations
 from enum import IntEnum
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
 
 from jaxfrenet._pytree import pytree_dataclass
+from jaxfrenet._typing import Array, Bool, Float, Int
 from jaxfrenet.trajectories import EgoState
 from jaxfrenet.vehicle import Vehicle
 

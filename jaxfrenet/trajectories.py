@@ -10,9 +10,9 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
 
 from jaxfrenet._pytree import pytree_dataclass
+from jaxfrenet._typing import Array, Bool, Float
 from jaxfrenet.config import DT, PlannerConfig
 from jaxfrenet.polynomials import offset_shapes, quartic_jerk, quintic_jerk, speed_shapes
 from jaxfrenet.reference_path import PathPoint, ReferencePath, look_up

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import jax.numpy as jnp
-from jaxtyping import Array
 
+from jaxfrenet._typing import Array
 from jaxfrenet.config import PlannerConfig
 from jaxfrenet.prediction import constant_velocity, ground_truth
 from jaxfrenet.prediction.types import Prediction

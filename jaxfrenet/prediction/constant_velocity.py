@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
+from jaxfrenet._typing import Array, Float
 from jaxfrenet.config import DT
 from jaxfrenet.prediction.types import Prediction
 from jaxfrenet.scenario import Obstacles

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import jax.numpy as jnp
-from jaxtyping import Array
 
+from jaxfrenet._typing import Array
 from jaxfrenet.prediction.constant_velocity import STATIC_VARIANCE
 from jaxfrenet.prediction.types import Prediction
 from jaxfrenet.scenario import Obstacles
