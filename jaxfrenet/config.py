@@ -42,8 +42,6 @@ class PlannerConfig:
     """Predicted obstacles are this much longer [m] than recorded ones."""
     safety_width: float = 0.2
     """Predicted obstacles are this much wider [m] than recorded ones."""
-    emergency_mode: Literal["stopping"] = "stopping"
-    """What is driven when every feasible trajectory collides: the one that stops hardest."""
     standstill_speed: float = 0.1
     """At or below this speed [m/s] the ego stays where it is when every trajectory collides."""
 

@@ -21,8 +21,8 @@ from jaxfrenet.scenario import Obstacles, Scenario
 from jaxfrenet.state import Outcome, SimulationState
 from jaxfrenet.trajectories import EgoState, initial_ego_state
 
-TIME_LIMIT = 1.3
-"""An episode ends after this multiple of the goal's last step."""
+TIME_LIMIT = 13, 10
+"""An episode ends after this ratio times the goal's last step, compared in integers."""
 
 
 @pytree_dataclass
@@ -155,7 +155,7 @@ def judge_state(config: PlannerConfig, scenario: Scenario, state: SimulationStat
     verdicts = (
         (hits_recorded(scenario.obstacles, state.step, box), Outcome.COLLISION_OBSTACLE),
         (off_road, Outcome.COLLISION_ROAD),
-        (state.step.astype(jnp.float32) > TIME_LIMIT * last_step(goal).astype(jnp.float32), Outcome.TIMEOUT),
+        (TIME_LIMIT[1] * state.step > TIME_LIMIT[0] * last_step(goal), Outcome.TIMEOUT),
         (past & ~met, Outcome.PAST_GOAL),
         (jnp.any(status.matches & in_time), Outcome.GOAL_REACHED_IN_TIME),
         (jnp.any(status.matches) & (state.step > last_step(goal)), Outcome.GOAL_REACHED_LATE),
@@ -180,7 +180,7 @@ def max_steps(scenario: Scenario) -> int:
     """Steps after which every episode of a scenario, or of a batch, has ended at the latest."""
     goal = scenario.goal
     last = jnp.max(jnp.where(goal.valid, goal.steps[..., 1], 0))
-    return int(TIME_LIMIT * int(last)) + 1
+    return TIME_LIMIT[0] * int(last) // TIME_LIMIT[1] + 1
 
 
 @partial(jax.jit, static_argnums=(0, 3))

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import csv
 import json
+import shutil
 
 import pytest
 
@@ -115,3 +116,12 @@ def test_help_explains_the_options(capsys):
     assert stop.value.code == 0
     shown = capsys.readouterr().out
     assert all(option in shown for option in ("--scenarios", "--weights", "--predictor", "--solutions", "--seed"))
+
+
+def test_a_second_run_replaces_the_solutions_of_the_first(evaluated, tmp_path):
+    out = shutil.copytree(evaluated, tmp_path / "again")
+    (out / "solutions" / "OLD.xml").write_text("of an earlier run")
+    evaluate.main(["--out", str(out), "--solutions"])
+    kept = sorted(path.name for path in (out / "solutions").iterdir())
+    assert kept == sorted(path.name for path in (evaluated / "solutions").iterdir())
+    assert {path.name for path in out.iterdir()} == {"results.json", "episodes.csv", "solutions"}

@@ -107,6 +107,15 @@ def test_an_obstacle_that_has_left_hits_nobody(world, config, thing):
         assert jf.Outcome(int(judge(scenario, dataclasses.replace(state, step=jnp.int32(step))).outcome)) is expected
 
 
+def test_the_time_limit_is_exact(world, config):
+    """1.3 · 60 = 78 steps are allowed, the 79th is not."""
+    scenario = world(goal=(200.0, 210.0), goal_steps=(50, 60))
+    judge = jax.jit(partial(judge_state, config))
+    state = jf.reset(config, scenario)
+    for step, expected in ((78, jf.Outcome.RUNNING), (79, jf.Outcome.TIMEOUT)):
+        assert jf.Outcome(int(judge(scenario, dataclasses.replace(state, step=jnp.int32(step))).outcome)) is expected
+
+
 def test_roll_out_is_the_sum_of_its_steps(world, config, drive, thing):
     scenario = world([thing(45.0, 0.5, speed=6.0)])
     episode = drive(scenario)
