@@ -67,7 +67,11 @@ def _read_results(folder: Path) -> dict[str, Any]:
 
 def _scenario_texts(sources: Sequence[str]) -> Callable[[str], bytes]:
     """A function from an episode's name to the text of its CommonRoad file."""
-    found = [file for path in scenario_paths(map(Path, sources)) for file in scenario_files(path)]
+    paths = scenario_paths(map(Path, sources))
+    kept = [str(path) for path in paths if path.suffix == ".npz"]
+    if kept:
+        raise UserError(f"{kept[0]}: holds no CommonRoad files to judge by; evaluate the files that it was made from")
+    found = [file for path in paths for file in scenario_files(path)]
     by_name = {Path(file.name).stem: file for file in found}
     if len(by_name) < len(found):
         raise UserError("several scenarios have one name: evaluate and verify their folders one by one")

@@ -20,6 +20,8 @@ from jaxfrenet.sampling import EndStates
 
 STANDSTILL = 1e-5
 """A slower arc length rate [m/s] counts as 0; a faster one backwards is infeasible."""
+SMALLEST_ROOM = 1e-3
+"""A point with 1 - κ_r d below this lies at the path's centre of curvature, where the Frenet frame ends."""
 SLOW = 1e-3
 """At or below this arc length rate [m/s], derivatives by arc length cannot be had from those by time."""
 
@@ -58,7 +60,7 @@ class Bundle:
     relative_tangent: Float[Array, "*batch trajectories points"]
     """`[trajectories, points]`, tangent of the heading relative to the path's."""
     valid: Bool[Array, "*batch trajectories"]
-    """`[trajectories]`, whether all points lie on the reference path."""
+    """`[trajectories]`, whether all points lie along the reference path and on this side of its centre of curvature."""
     end_step: Array
     """`[trajectories]`, int, the point at which end speed and offset are reached."""
     end_speed: Float[Array, "*batch trajectories"]
@@ -110,7 +112,7 @@ def generate(config: PlannerConfig, path: ReferencePath, ego: EgoState, end: End
     frame = look_up(path, ego.arc_length + along.travelled)
     moving = (along.rate > SLOW) | low
     shift = end.offset - ego.offset
-    motion, cos, sin, tangent = _to_cartesian(ego, along, across, frame, moving, shift)
+    motion, cos, sin, tangent, in_frame = _to_cartesian(ego, along, across, frame, moving, shift)
 
     rows = along.rate.shape[:2] + shift.shape
     arc_length = ego.arc_length + along.travelled
@@ -119,27 +121,31 @@ def generate(config: PlannerConfig, path: ReferencePath, ego: EgoState, end: End
     def per_trajectory(value: Array) -> Array:
         return jnp.broadcast_to(value, rows).reshape(-1)
 
-    slope0 = jnp.where(low, ego.offset_slope, ego.offset_slope * ego.arc_length_rate)
-    bend0 = jnp.where(low, ego.offset_bend, _second_time_derivative(ego))
+    slope, bend = _lateral_start(ego, low)
     return Bundle(
         motion=motion,
         cos=cos,
         sin=sin,
         relative_tangent=tangent,
-        valid=per_trajectory(on_path[..., None]),
+        valid=per_trajectory(on_path[..., None]) & in_frame,
         end_step=per_trajectory(jnp.asarray(config.end_steps, jnp.int32)[:, None, None]),
         end_speed=per_trajectory(end.speed[:, None]),
         end_offset=per_trajectory(end.offset),
-        lateral_jerk=per_trajectory(quintic_jerk(across.span, slope0, bend0, shift)),
+        lateral_jerk=per_trajectory(quintic_jerk(across.span, slope, bend, shift)),
         longitudinal_jerk=per_trajectory(
             quartic_jerk(end_time, ego.arc_length_rate, ego.arc_length_acceleration, end.speed[:, None])
         ),
     )
 
 
-def _second_time_derivative(ego: EgoState) -> Array:
-    """d̈ = d″ ṡ² + d′ s̈."""
-    return ego.offset_bend * ego.arc_length_rate**2 + ego.offset_slope * ego.arc_length_acceleration
+def _lateral_start(ego: EgoState, low: Array) -> tuple[Array, Array]:
+    """First and second derivative of the offset by the quintic's argument: time, or arc length if `low`.
+
+    ḋ = d′ ṡ and d̈ = d″ ṡ² + d′ s̈.
+    """
+    rate = ego.offset_slope * ego.arc_length_rate
+    acceleration = ego.offset_bend * ego.arc_length_rate**2 + ego.offset_slope * ego.arc_length_acceleration
+    return jnp.where(low, ego.offset_slope, rate), jnp.where(low, ego.offset_bend, acceleration)
 
 
 def _longitudinal(config: PlannerConfig, ego: EgoState, end_speed: Array, end_time: Array) -> _Longitudinal:
@@ -166,8 +172,8 @@ def _lateral(
     span = jnp.where(low & (along.distance_to_end > 0), along.distance_to_end, end_time)
     covered = jnp.where(inside, along.travelled, along.distance_to_end) / span
     value, first, second = offset_shapes(jnp.where(low, covered, tau))
-    slope = jnp.where(low, ego.offset_slope, ego.offset_slope * ego.arc_length_rate) * span
-    bend = jnp.where(low, ego.offset_bend, _second_time_derivative(ego)) * span**2
+    slope, bend = _lateral_start(ego, low)
+    slope, bend = slope * span, bend * span**2
 
     rate, acceleration = along.rate, along.acceleration
     moving = rate > SLOW
@@ -196,17 +202,24 @@ def _hold(moving: Array, *rows: Array) -> tuple[Array, ...]:
     return tuple(jnp.take_along_axis(row, last, axis=-1) for row in rows)
 
 
+def _room(path_curvature: Array, offset: Array) -> Array:
+    """1 - κ_r d, kept above zero where the trajectory is not valid anyway."""
+    return jnp.maximum(1.0 - path_curvature * offset, SMALLEST_ROOM)
+
+
 def _to_cartesian(
     ego: EgoState, along: _Longitudinal, across: _Lateral, frame: PathPoint, moving: Array, shift: Array
-) -> tuple[EgoState, Array, Array, Array]:
-    """Motion, heading unit vector and relative tangent, each `[trajectories, points]` (Werling et al. 2010, appendix).
+) -> tuple[EgoState, Array, Array, Array, Array]:
+    """Motion, heading unit vector and relative tangent `[trajectories, points]` (Werling et al. 2010, appendix).
+
+    The last value tells which trajectories `[trajectories]` stay where the Frenet frame is defined.
 
     A point that is too slow to have a direction keeps the heading of the point before.
     """
     held = _hold(moving, across.slope_base, across.slope_gain, across.base, across.gain, frame.curvature, frame.heading)
     slope_base, slope_gain, base, gain, curvature_held, heading_held = (row[:, :, None, :] for row in held)
     e = shift[:, None]
-    tangent = (slope_base + slope_gain * e) / (1.0 - curvature_held * (base + gain * e))
+    tangent = (slope_base + slope_gain * e) / _room(curvature_held, base + gain * e)
     sec = jnp.sqrt(1.0 + tangent**2)
     cos = 1.0 / sec
     cos_held, sin_held = jnp.cos(heading_held), jnp.sin(heading_held)
@@ -219,7 +232,7 @@ def _to_cartesian(
     slope = rows(across.slope_base) + rows(across.slope_gain) * e
     bend = rows(across.bend_base) + rows(across.bend_gain) * e
     rate, path_curvature = rows(along.rate), rows(frame.curvature)
-    one = 1.0 - path_curvature * offset
+    one = _room(path_curvature, offset)
     twist = rows(frame.curvature_derivative) * offset + path_curvature * slope
     curvature = (bend + twist * tangent) * cos * (cos / one) ** 2 + cos / one * path_curvature
     turning = one * tangent * (curvature * one * sec - path_curvature) - twist
@@ -243,7 +256,8 @@ def _to_cartesian(
         offset_bend=flat(bend),
     )
     direction = cos_held * cos - sin_held * tangent * cos, sin_held * cos + cos_held * tangent * cos
-    return motion, flat(direction[0]), flat(direction[1]), flat(tangent)
+    in_frame = jnp.all(1.0 - path_curvature * offset > SMALLEST_ROOM, axis=-1).reshape(-1)
+    return motion, flat(direction[0]), flat(direction[1]), flat(tangent), in_frame
 
 
 def initial_ego_state(

@@ -60,6 +60,10 @@ def test_bad_input_is_one_line(results, tmp_path, capfd):
     assert "at least 1" in refused(capfd, "--results", str(results), "--limit", "0")
     shutil.rmtree(results / "solutions")
     assert "run evaluate with --solutions again" in refused(capfd, "--results", str(results))
+    document = json.loads((results / "results.json").read_bytes())
+    document["config"]["scenarios"] = ["set.npz"]
+    (results / "results.json").write_text(json.dumps(document))
+    assert "holds no CommonRoad files" in refused(capfd, "--results", str(results))
     (results / "results.json").write_text("{")
     assert "not a complete result" in refused(capfd, "--results", str(results))
     assert not (results / "verify.json").exists()

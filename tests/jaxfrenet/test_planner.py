@@ -82,6 +82,17 @@ def test_without_a_feasible_trajectory(world, plan, config):
     assert_finite(cycle)
 
 
+def test_beyond_the_centre_of_curvature_is_not_valid(world, plan, config):
+    """Where the path turns left with 1/2.5 m, offsets of 2.5 m and more have no place in the Frenet frame."""
+    scenario = world()
+    sharp = dataclasses.replace(scenario.path, curvature=jnp.full_like(scenario.path.curvature, 0.4))
+    scenario = dataclasses.replace(scenario, path=sharp)
+    cycle = plan(scenario, jf.reset(config, scenario))
+    farthest = np.max(np.asarray(cycle.bundle.motion.offset), axis=1)
+    np.testing.assert_array_equal(cycle.bundle.valid, farthest < 2.5 * (1 - 1e-3))
+    assert_finite(cycle)
+
+
 @pytest.mark.parametrize(
     "start",
     [
