@@ -39,7 +39,6 @@ def check_solution(scenario_text: bytes, solution: Path, feasibility: bool) -> V
     from commonroad.common.solution import CommonRoadSolutionReader
     from commonroad.common.util import FileFormat
     from commonroad_dc.collision.collision_detection.pycrcc_collision_dispatch import create_collision_checker
-    from commonroad_dc.feasibility.feasibility_checker import trajectory_feasibility
     from commonroad_dc.feasibility.vehicle_dynamics import VehicleDynamics
 
     scenario, problems = CommonRoadFileReader(scenario_text, FileFormat.XML).open()
@@ -51,8 +50,15 @@ def check_solution(scenario_text: bytes, solution: Path, feasibility: bool) -> V
         road_collision=_road_edge(scenario).collide(ego),
         goal_reached=bool(problems.planning_problem_dict[driven.planning_problem_id].goal_reached(trajectory)[0]),
         states=len(trajectory.state_list),
-        feasible=bool(trajectory_feasibility(trajectory, dynamics, scenario.dt)[0]) if feasibility else None,
+        feasible=_is_feasible(trajectory, dynamics, scenario.dt) if feasibility else None,
     )
+
+
+def _is_feasible(trajectory: Any, dynamics: Any, dt: float) -> bool:
+    """Whether every transition can be driven; a trajectory of one state has none."""
+    from commonroad_dc.feasibility.feasibility_checker import trajectory_feasibility
+
+    return len(trajectory.state_list) < 2 or bool(trajectory_feasibility(trajectory, dynamics, dt)[0])
 
 
 def _swept_shape(trajectory: Any, shape: Any) -> Any:

@@ -83,7 +83,7 @@ def _write_solutions(
     with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".solutions.") as partial:
         fresh = Path(partial) / "solutions"
         for name, info, scenario, episode in zip(names, found.infos, found.scenarios, episodes, strict=True):
-            driven = slice(0, int(episode.steps) + 1)
+            driven = slice(0, driven_steps(episode) + 1)
             motion = {
                 field: getattr(episode.ego, field)[driven] for field in ("x", "y", "heading", "speed", "curvature")
             }
@@ -91,6 +91,11 @@ def _write_solutions(
         if folder.is_dir():
             folder.rename(Path(partial) / "earlier")
         fresh.rename(folder)
+
+
+def driven_steps(episode: jf.Episode) -> int:
+    """Steps that the ego drove; an episode that ends as infeasible has one more, in which it found nothing to drive."""
+    return int(episode.steps) - (int(episode.outcome) == jf.Outcome.INFEASIBLE)
 
 
 def _as_plain(options: EvaluateOptions, weights: jf.CostWeights) -> dict[str, Any]:

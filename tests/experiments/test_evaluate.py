@@ -1,9 +1,11 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import json
 import shutil
 
+import jax.numpy as jnp
 import pytest
 
 import jaxfrenet as jf
@@ -76,6 +78,16 @@ def test_results_agree_with_the_closed_loop(evaluated, builtin_file):
 def test_one_solution_file_per_episode(evaluated):
     names = {f"{episode['scenario']}.xml" for episode in read(evaluated)["episodes"]}
     assert {path.name for path in (evaluated / "solutions").iterdir()} == names
+
+
+def test_a_step_without_a_trajectory_is_not_driven(evaluated, builtin_file):
+    scenario = scenarios.load(builtin_file)
+    nowhere = dataclasses.replace(scenario, path=dataclasses.replace(scenario.path, length=jnp.float32(35.0)))
+    episode = jf.roll_out(jf.PlannerConfig(), nowhere, jf.CostWeights(), jf.max_steps(nowhere))
+    assert jf.Outcome(int(episode.outcome)) is jf.Outcome.INFEASIBLE
+    last = evaluate.driven_steps(episode)
+    assert last == int(episode.steps) - 1
+    assert float(episode.ego.x[last]) == float(episode.ego.x[last + 1])
 
 
 def test_config_records_what_was_asked_for(evaluated):
