@@ -44,7 +44,7 @@ def check_solution(scenario_text: bytes, solution: Path, feasibility: bool) -> V
     scenario, problems = CommonRoadFileReader(scenario_text, FileFormat.XML).open()
     driven = CommonRoadSolutionReader.open(str(solution)).planning_problem_solutions[0]
     trajectory, dynamics = driven.trajectory, VehicleDynamics.from_model(driven.vehicle_model, driven.vehicle_type)
-    ego = _swept_shape(trajectory, dynamics.shape)
+    ego = _occupancy(trajectory, dynamics.shape)
     return Verdict(
         obstacle_collision=create_collision_checker(scenario).collide(ego),
         road_collision=_road_edge(scenario).collide(ego),
@@ -61,7 +61,7 @@ def _is_feasible(trajectory: Any, dynamics: Any, dt: float) -> bool:
     return len(trajectory.state_list) < 2 or bool(trajectory_feasibility(trajectory, dynamics, dt)[0])
 
 
-def _swept_shape(trajectory: Any, shape: Any) -> Any:
+def _occupancy(trajectory: Any, shape: Any) -> Any:
     """The ego's boxes over time, as the checker's solution check builds them."""
     from commonroad.prediction.prediction import TrajectoryPrediction
     from commonroad_dc.collision.collision_detection.pycrcc_collision_dispatch import create_collision_object

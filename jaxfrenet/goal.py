@@ -26,17 +26,22 @@ class GoalStatus:
     """Position, speed and heading met, whatever the time."""
 
 
-def judge(goal: Goal, center: Float[Array, "2"], heading: Float[Array, ""], speed: Float[Array, ""]) -> GoalStatus:
-    """Compare a state (vehicle centre [m], heading [rad], speed [m/s]) with every goal state."""
+def in_region(goal: Goal, center: Float[Array, "2"]) -> Bool[Array, "goals"]:
+    """Whether a position [m] lies in each goal state's region; a goal state without one takes every position."""
 
     def inside(edges: Array, valid: Array) -> Array:
         return is_inside(edges[:, 0], edges[:, 1], valid, center)
 
-    in_region = (jax.vmap(inside)(goal.edges, goal.edge_valid) | ~goal.has_position) & goal.valid
+    return (jax.vmap(inside)(goal.edges, goal.edge_valid) | ~goal.has_position) & goal.valid
+
+
+def judge(goal: Goal, center: Float[Array, "2"], heading: Float[Array, ""], speed: Float[Array, ""]) -> GoalStatus:
+    """Compare a state (vehicle centre [m], heading [rad], speed [m/s]) with every goal state."""
+    reached = in_region(goal, center)
     away = heading - goal.heading[:, 0]
     away = jnp.abs(away - 2 * jnp.pi * jnp.round(away / (2 * jnp.pi)))
     in_speed = (speed >= goal.speed[:, 0]) & (speed <= goal.speed[:, 1])
-    return GoalStatus(in_region, in_region & in_speed & (away <= goal.heading[:, 1]))
+    return GoalStatus(reached, reached & in_speed & (away <= goal.heading[:, 1]))
 
 
 def last_step(goal: Goal) -> Array:
@@ -57,7 +62,7 @@ def desired_speed(
     Inside the goal region, or once its time has passed: the middle of its speed interval, if it names one, else the
     current speed. Clipped to the current speed ± 5 m/s and to [0, 50]. Of several goal states the first is aimed at.
     """
-    inside = is_inside(goal.edges[0, :, 0], goal.edges[0, :, 1], goal.edge_valid[0], center) | ~goal.has_position[0]
+    inside = in_region(goal, center)[0]
     remaining = DT * (0.5 * jnp.sum(goal.steps[0]).astype(jnp.float32) - step.astype(jnp.float32))
     distance = jnp.maximum(0.5 * jnp.sum(goal.arc_length[0]) - center_arc_length, 0.0)
     approach = distance / jnp.maximum(remaining, DT)

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from enum import IntEnum
 
+import jax.numpy as jnp
+
 from jaxfrenet._pytree import pytree_dataclass
 from jaxfrenet._typing import Array, Bool, Float, Int
 from jaxfrenet.reference_path import ReferencePath
@@ -50,6 +52,11 @@ class Obstacles:
     """`[obstacles]`, an `ObstacleKind`."""
     static: Bool[Array, "*batch obstacles"]
     """`[obstacles]`, whether it never moves."""
+
+    def present(self, step: Int[Array, ""]) -> Bool[Array, "obstacles"]:
+        """`[obstacles]`, whether each exists at `step`, which may lie beyond the record; static ones always do."""
+        last = self.valid.shape[1] - 1
+        return (self.valid[:, jnp.minimum(step, last)] & (step <= last)) | self.static
 
 
 @pytree_dataclass

@@ -145,13 +145,10 @@ def judge_state(config: PlannerConfig, scenario: Scenario, state: SimulationStat
     end = jnp.max(jnp.where(goal.valid & goal.has_position, goal.arc_length[:, 1], -jnp.inf))
     end = jnp.where(jnp.any(goal.valid & goal.has_position), end, jnp.inf)
     past = (state.ego.arc_length + vehicle.rear_axle_to_center > end) & ~jnp.any(status.in_region)
-    box = Box.from_heading(
-        center[0], center[1], state.ego.heading, jnp.float32(vehicle.length), jnp.float32(vehicle.width)
-    )
+    size = jnp.float32(vehicle.length), jnp.float32(vehicle.width)
+    box = Box.from_heading(center[0], center[1], state.ego.heading, *size)
     road = scenario.road
-    off_road = is_off_road(
-        road.segments, road.valid, center, state.ego.heading, 2 * box.half_length, 2 * box.half_width
-    )
+    off_road = is_off_road(road.segments, road.valid, center, state.ego.heading, *size)
     verdicts = (
         (hits_recorded(scenario.obstacles, state.step, box), Outcome.COLLISION_OBSTACLE),
         (off_road, Outcome.COLLISION_ROAD),
@@ -168,12 +165,11 @@ def judge_state(config: PlannerConfig, scenario: Scenario, state: SimulationStat
 def hits_recorded(obstacles: Obstacles, step: Array, box: Box) -> Bool[Array, ""]:
     """Whether a box meets any obstacle's recorded box at `step`."""
     now = jnp.minimum(step, obstacles.valid.shape[1] - 1)
-    exists = (obstacles.valid[:, now] & (step < obstacles.valid.shape[1])) | obstacles.static
     position = obstacles.position[:, now]
     others = Box.from_heading(
         position[:, 0], position[:, 1], obstacles.heading[:, now], obstacles.length, obstacles.width
     )
-    return jnp.any(boxes_overlap(box, others) & exists)
+    return jnp.any(boxes_overlap(box, others) & obstacles.present(step))
 
 
 def max_steps(scenario: Scenario) -> int:

@@ -109,13 +109,13 @@ def generate(config: PlannerConfig, path: ReferencePath, ego: EgoState, end: End
     inside = jnp.asarray(np.arange(config.points) <= config.end_steps[:, None])[:, None, :]
     along = _longitudinal(config, ego, end.speed, end_time)
     across = _lateral(config, ego, along, low, end_time, inside)
-    frame = look_up(path, ego.arc_length + along.travelled)
+    arc_length = ego.arc_length + along.travelled
+    frame = look_up(path, arc_length)
     moving = (along.rate > SLOW) | low
     shift = end.offset - ego.offset
     motion, cos, sin, tangent, in_frame = _to_cartesian(ego, along, across, frame, moving, shift)
 
     rows = along.rate.shape[:2] + shift.shape
-    arc_length = ego.arc_length + along.travelled
     on_path = jnp.all((arc_length >= path.arc_length[0]) & (arc_length <= path.length), axis=-1)
 
     def per_trajectory(value: Array) -> Array:
@@ -148,10 +148,14 @@ def _lateral_start(ego: EgoState, low: Array) -> tuple[Array, Array]:
     return jnp.where(low, ego.offset_slope, rate), jnp.where(low, ego.offset_bend, acceleration)
 
 
+def _time_covered(config: PlannerConfig) -> np.ndarray:
+    """`[end time, point]`, share of the time to the end time that has passed; 1 after it."""
+    return np.minimum(np.arange(config.points) / config.end_steps[:, None], 1.0)
+
+
 def _longitudinal(config: PlannerConfig, ego: EgoState, end_speed: Array, end_time: Array) -> _Longitudinal:
     """Quartics over time to each end speed at each end time, then constant speed."""
-    tau = np.minimum(np.arange(config.points) / config.end_steps[:, None], 1.0)
-    shapes = jnp.asarray(np.array(speed_shapes(tau)), jnp.float32)[:, :, :, None, :]
+    shapes = jnp.asarray(np.array(speed_shapes(_time_covered(config))), jnp.float32)[:, :, :, None, :]
     start, push, stop = ego.arc_length_rate, ego.arc_length_acceleration * end_time, end_speed[:, None]
     distance, rate, acceleration = (s[0] * start + s[1] * push + s[2] * stop for s in shapes)
     after = jnp.maximum(jnp.asarray(config.times, jnp.float32) - end_time, 0.0)
@@ -168,7 +172,7 @@ def _lateral(
     config: PlannerConfig, ego: EgoState, along: _Longitudinal, low: Array, end_time: Array, inside: Array
 ) -> _Lateral:
     """Quintics over time, or over travelled distance in low-velocity mode, as derivatives by arc length."""
-    tau = jnp.asarray(np.minimum(np.arange(config.points) / config.end_steps[:, None], 1.0), jnp.float32)[:, None, :]
+    tau = jnp.asarray(_time_covered(config), jnp.float32)[:, None, :]
     span = jnp.where(low & (along.distance_to_end > 0), along.distance_to_end, end_time)
     covered = jnp.where(inside, along.travelled, along.distance_to_end) / span
     value, first, second = offset_shapes(jnp.where(low, covered, tau))

@@ -32,8 +32,7 @@ def predict(config: PlannerConfig, scenario: Scenario, step: Array, x: Array, y:
     prediction = PREDICTORS[config.predictor](obstacles, step, config.horizon_steps)
     now = jnp.minimum(step, obstacles.valid.shape[1] - 1)
     away = obstacles.position[:, now] - jnp.stack([x, y])
-    present = (obstacles.valid[:, now] & (step < obstacles.valid.shape[1])) | obstacles.static
-    seen = present & (jnp.sum(away**2, axis=-1) <= config.sensor_radius**2)
+    seen = obstacles.present(step) & (jnp.sum(away**2, axis=-1) <= config.sensor_radius**2)
     valid = prediction.valid & seen[:, None]
     return Prediction(
         mean=prediction.mean,
