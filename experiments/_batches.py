@@ -11,6 +11,7 @@ import jax
 
 import jaxfrenet as jf
 import scenarios
+from scenarios.batching import rounded_up
 
 
 @dataclass(frozen=True)
@@ -48,14 +49,6 @@ def make_batches(found: Sequence[jf.Scenario], size: int) -> list[Batch]:
         stacked = scenarios.stack([found[index] for index in filled], common | {"obstacles": obstacles})
         batches.append(Batch(tuple(indices), stacked, max_steps))
     return batches
-
-
-def rounded_up(size: int) -> int:
-    """The next of 0, 1, 2, 3, 4, 6, 8, 12, 16, 24, 32, ... that is not smaller."""
-    if size <= 2:
-        return size
-    power = 1 << (size - 1).bit_length()
-    return 3 * power // 4 if size <= 3 * power // 4 else power
 
 
 @dataclass

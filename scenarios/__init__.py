@@ -1,20 +1,27 @@
 """Where scenarios come from: CommonRoad files, folders and archives of them, and our own `.npz` sets."""
 
 from scenarios.batching import pad_to, sizes_of, stack
+from scenarios.buckets import Bucket
 from scenarios.builtin import builtin_paths
+from scenarios.cache import load_cached
 from scenarios.collection import ScenarioSet, Skipped, load_set
 from scenarios.commonroad import ScenarioInfo, load, load_with_info
+from scenarios.dataset import Dataset, Splits
 from scenarios.errors import ScenarioError
 from scenarios.solution import write_solution
 from scenarios.storage import load_npz, save_npz
 
 __all__ = [
+    "Bucket",
+    "Dataset",
     "ScenarioError",
     "ScenarioInfo",
     "ScenarioSet",
     "Skipped",
+    "Splits",
     "builtin_paths",
     "load",
+    "load_cached",
     "load_npz",
     "load_set",
     "load_with_info",

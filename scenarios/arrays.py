@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
 import jaxfrenet as jf
 from scenarios import goals, lanes, obstacles, road
+from scenarios.batching import device_array
 from scenarios.goals import GoalState
 from scenarios.lanelets import Network
 from scenarios.obstacles import Track
@@ -19,7 +19,7 @@ from scenarios.route_path import RoutePath
 
 def float_array(values: Any) -> Array:
     """The values as float32 on the default device."""
-    return jnp.asarray(np.asarray(values, np.float32))
+    return device_array(np.asarray(values, np.float32))
 
 
 def path_arrays(path: RoutePath) -> jf.ReferencePath:
@@ -38,14 +38,16 @@ def path_arrays(path: RoutePath) -> jf.ReferencePath:
 def lane_arrays(network: Network, lanelets: list[int], path: RoutePath) -> jf.Lanes:
     """The lanes along the path; `lanelets` are those that it follows."""
     center, width, direction = lanes.lane_tables(network, lanelets, path)
-    return jf.Lanes(center=float_array(center), width=float_array(width), direction=jnp.asarray(direction))
+    return jf.Lanes(center=float_array(center), width=float_array(width), direction=device_array(direction))
 
 
 def road_arrays(network: Network, path: RoutePath) -> jf.Road:
     """The road surface's edge."""
     segments = road.surface_edge(network)
     nearby = road.nearby_segments(path.arc_length, path.points, segments)
-    return jf.Road(segments=float_array(segments), valid=jnp.ones(len(segments), bool), nearby=jnp.asarray(nearby))
+    return jf.Road(
+        segments=float_array(segments), valid=device_array(np.ones(len(segments), bool)), nearby=device_array(nearby)
+    )
 
 
 def obstacle_arrays(tracks: Sequence[Track], file_dt: float, start_step: int, at_least: int) -> jf.Obstacles:
@@ -66,11 +68,11 @@ def obstacle_arrays(tracks: Sequence[Track], file_dt: float, start_step: int, at
         position=float_array(states[..., :2]),
         heading=float_array(states[..., 2]),
         speed=float_array(states[..., 3]),
-        valid=jnp.asarray(valid),
+        valid=device_array(valid),
         length=float_array([track.length for track in tracks] or [1.0]),
         width=float_array([track.width for track in tracks] or [1.0]),
-        kind=jnp.asarray(np.array([track.kind for track in tracks] or [jf.ObstacleKind.UNKNOWN], np.int32)),
-        static=jnp.asarray([track.static for track in tracks] or [False]),
+        kind=device_array(np.array([track.kind for track in tracks] or [jf.ObstacleKind.UNKNOWN], np.int32)),
+        static=device_array([track.static for track in tracks] or [False]),
     )
 
 
@@ -82,14 +84,14 @@ def goal_arrays(goal_states: Sequence[GoalState], path: RoutePath) -> jf.Goal:
         edges[index, : len(goal.edges)] = goal.edges
     return jf.Goal(
         edges=float_array(edges),
-        edge_valid=jnp.asarray([[edge < len(goal.edges) for edge in range(count)] for goal in goal_states]),
-        has_position=jnp.asarray([goal.has_position for goal in goal_states]),
-        steps=jnp.asarray(np.array([goal.steps for goal in goal_states], np.int32)),
+        edge_valid=device_array([[edge < len(goal.edges) for edge in range(count)] for goal in goal_states]),
+        has_position=device_array([goal.has_position for goal in goal_states]),
+        steps=device_array(np.array([goal.steps for goal in goal_states], np.int32)),
         speed=float_array([goal.speed or goals.ANY_SPEED for goal in goal_states]),
-        has_speed=jnp.asarray([goal.speed is not None for goal in goal_states]),
+        has_speed=device_array([goal.speed is not None for goal in goal_states]),
         heading=float_array([goal.heading for goal in goal_states]),
         arc_length=float_array([_arc_lengths(goal, path) for goal in goal_states]),
-        valid=jnp.ones(len(goal_states), bool),
+        valid=device_array(np.ones(len(goal_states), bool)),
     )
 
 

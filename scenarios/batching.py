@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import jax.numpy as jnp
+import jax
 import numpy as np
+from numpy.typing import ArrayLike
 
 import jaxfrenet as jf
 from scenarios.errors import ScenarioError
@@ -69,13 +70,18 @@ def _attribute(instance: Any, path: list[str]) -> Any:
     return instance
 
 
-def scenario_of(leaves: Mapping[str, np.ndarray]) -> jf.Scenario:
+def device_array(values: ArrayLike) -> jax.Array:
+    """The values on the default device; `jnp.asarray`, which compiles a program for each shape, takes far longer."""
+    return values if isinstance(values, jax.Array) else jax.device_put(np.array(values))
+
+
+def scenario_of(leaves: Mapping[str, ArrayLike]) -> jf.Scenario:
     """The inverse of `leaves_of`, with arrays on the default device."""
 
     def part(container: type, name: str) -> Any:
         prefix = f"{name}."
         return container(
-            **{key.removeprefix(prefix): jnp.asarray(leaf) for key, leaf in leaves.items() if key.startswith(prefix)}
+            **{key.removeprefix(prefix): device_array(leaf) for key, leaf in leaves.items() if key.startswith(prefix)}
         )
 
     return jf.Scenario(
@@ -85,7 +91,7 @@ def scenario_of(leaves: Mapping[str, np.ndarray]) -> jf.Scenario:
         obstacles=part(jf.Obstacles, "obstacles"),
         goal=part(jf.Goal, "goal"),
         initial_state=part(jf.InitialState, "initial_state"),
-        origin=jnp.asarray(leaves["origin"]),
+        origin=device_array(leaves["origin"]),
     )
 
 
@@ -98,6 +104,14 @@ def _sizes(leaves: Mapping[str, np.ndarray]) -> dict[str, int]:
     return {
         axis: size for name, axes in AXES.items() for axis, size in zip(axes, leaves[name].shape, strict=True) if axis
     }
+
+
+def rounded_up(size: int) -> int:
+    """The next of 0, 1, 2, 3, 4, 6, 8, 12, 16, 24, 32, ... that is not smaller: few sizes need few programs."""
+    if size <= 2:
+        return size
+    power = 1 << (size - 1).bit_length()
+    return 3 * power // 4 if size <= 3 * power // 4 else power
 
 
 def pad_to(scenario: jf.Scenario, sizes: Mapping[str, int]) -> jf.Scenario:

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import jaxfrenet as jf
 from scenarios.commonroad import ScenarioInfo, from_bytes, load_with_info
 from scenarios.errors import ScenarioError
+from scenarios.sharing import share_equal
 
 ARCHIVES = (".tar.xz", ".tar.gz", ".tgz", ".zip")
 BROKEN_ARCHIVE = (tarfile.TarError, zipfile.BadZipFile, LZMAError, zlib.error, EOFError, OSError, RuntimeError)
@@ -74,7 +75,7 @@ def load_set(
     read = _load_sources(sources, planning_problem, _reporter(progress))
     sets = [*kept, read]
     merged = ScenarioSet(
-        tuple(scenario for one in sets for scenario in one.scenarios),
+        share_equal([scenario for one in sets for scenario in one.scenarios]),
         tuple(info for one in sets for info in one.infos),
         tuple(skipped for one in sets for skipped in one.skipped),
     )

@@ -22,6 +22,11 @@ from scenarios.route_path import RoutePath
 
 BROKEN_CONTENT = (ArithmeticError, AssertionError, AttributeError, LookupError, TypeError, ValueError)
 """What lanelets without length, references to nothing and the like end in, here or in commonroad-io."""
+ORIGIN_GRID = 100.0
+"""Distance [m] of the points that a local frame's origin is chosen from: files of one map in which the ego starts near
+the same point get the same frame, and with it identical map arrays."""
+IMPORTER_VERSION = 1
+"""Must be raised when the import changes: scenarios that an earlier one has left in the cache are then read anew."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +116,7 @@ def _info(file: CommonRoadFile, name: str) -> ScenarioInfo:
 def _scenario(file: CommonRoadFile) -> jf.Scenario:
     state = file.problem.initial_state
     center = np.asarray(state.position, np.float64)[:2]
-    origin: Points = np.round(center)
+    origin = local_origin(center)
     network = network_of(file.scenario, origin)
     goal_states = goals.read_goal(file.problem.goal, network, origin, file.scenario.dt, state.time_step)
     path, lanelets = _route_and_path(network, state, center - origin, goal_states)
@@ -131,6 +136,11 @@ def _scenario(file: CommonRoadFile) -> jf.Scenario:
         initial_state=_initial_state(file, center - origin, path),
         origin=arrays.float_array(origin),
     )
+
+
+def local_origin(position: Points) -> Points:
+    """The point `[2]` [m] of the origins' grid that is nearest to `position` `[2]` [m]."""
+    return ORIGIN_GRID * np.round(position / ORIGIN_GRID) + 0.0  # no negative zeros: equal origins have equal bytes
 
 
 def _route_and_path(

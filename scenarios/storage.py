@@ -1,33 +1,48 @@
 """A set of scenarios in one `.npz` file, read with nothing but numpy and jax.
 
-Per leaf the file holds one array with all scenarios' values end to end and one with their shapes; a JSON header keeps
-the version of the format, what identifies each scenario, and the skipped files. Nothing is pickled.
+Per leaf the file holds one array with the different values end to end, one with their shapes, and one that says which
+of them each scenario has: what many scenarios share is kept once. A JSON header keeps the version of the format, what
+identifies each scenario, and the skipped files. Nothing is pickled.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import json
+import tokenize
 import zipfile
 import zlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 
-from scenarios.batching import AXES, leaves_of, scenario_of
+from scenarios.batching import AXES, device_array, leaves_of, scenario_of
 from scenarios.collection import ScenarioSet, Skipped
 from scenarios.commonroad import ScenarioInfo
 from scenarios.errors import ScenarioError
 from scenarios.files import written_whole
+from scenarios.sharing import distinct
 
 FORMAT = "jaxfrenet scenarios"
-VERSION = 1
-BROKEN = (zipfile.BadZipFile, zlib.error, ValueError, KeyError, TypeError, IndexError, EOFError, OSError)
+VERSION = 2
+BROKEN = (
+    *(zipfile.BadZipFile, zlib.error, tokenize.TokenError, EOFError, OSError, MemoryError, RuntimeError),
+    *(ValueError, KeyError, TypeError, IndexError, SyntaxError),
+)
+"""What damaged files end in, in zipfile, numpy or here."""
 
 
 def save_npz(path: str | Path, scenarios: ScenarioSet) -> None:
-    """Write a set of scenarios; an existing file is replaced as a whole, or kept if writing fails."""
+    """Write a set of scenarios; an existing file is replaced as a whole, or kept if writing fails.
+
+    Raises:
+      ScenarioError: the set is empty.
+    """
+    if not len(scenarios):
+        raise ScenarioError(f"{path}: no scenario to write; give a set with at least one")
     every = [leaves_of(scenario) for scenario in scenarios.scenarios]
     header = {
         "format": FORMAT,
@@ -37,14 +52,16 @@ def save_npz(path: str | Path, scenarios: ScenarioSet) -> None:
     }
     arrays: dict[str, Any] = {"header": np.frombuffer(json.dumps(header).encode(), np.uint8)}
     for name in AXES:
-        arrays[f"{name}/shapes"] = np.array([leaves[name].shape for leaves in every], np.int64)
-        arrays[f"{name}/values"] = np.concatenate([leaves[name].ravel() for leaves in every])
+        different, index = distinct([leaves[name] for leaves in every])
+        arrays[f"{name}/shapes"] = np.array([leaf.shape for leaf in different], np.int64)
+        arrays[f"{name}/values"] = np.concatenate([leaf.ravel() for leaf in different])
+        arrays[f"{name}/index"] = np.array(index, np.int32)
     with written_whole(path) as file:
         np.savez_compressed(file, **arrays)
 
 
 def load_npz(path: str | Path) -> ScenarioSet:
-    """Read a set that `save_npz` has written.
+    """Read a set that `save_npz` has written; leaves that are equal in several scenarios are one and the same array.
 
     Raises:
       ScenarioError: the file is missing, truncated, no such set, or of another version of the format.
@@ -60,7 +77,8 @@ def load_npz(path: str | Path) -> ScenarioSet:
                 raise ScenarioError(
                     f"{path}: format version {header['version']}, this release reads {VERSION}; save the set again"
                 )
-            tables = {name: _split(archive[f"{name}/values"], archive[f"{name}/shapes"]) for name in AXES}
+            count = len(header["infos"])
+            tables = {name: _column(archive, name, count) for name in AXES}
             infos = tuple(ScenarioInfo(**info) for info in header["infos"])
             skipped = tuple(Skipped(*entry) for entry in header["skipped"])
     except ScenarioError:
@@ -72,6 +90,15 @@ def load_npz(path: str | Path) -> ScenarioSet:
         infos,
         skipped,
     )
+
+
+def _column(archive: Mapping[str, np.ndarray], name: str, count: int) -> list[jax.Array]:
+    """A leaf of every scenario."""
+    different = [device_array(part) for part in _split(archive[f"{name}/values"], archive[f"{name}/shapes"])]
+    index = archive[f"{name}/index"]
+    if len(index) != count:
+        raise ValueError("numbers of scenarios differ")
+    return [different[place] for place in index]
 
 
 def _split(values: np.ndarray, shapes: np.ndarray) -> list[np.ndarray]:

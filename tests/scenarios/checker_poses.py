@@ -22,6 +22,7 @@ def main(scenario_file: str, out: str, count: int) -> None:
     from commonroad_dc.boundary import boundary
     from commonroad_dc.collision.collision_detection.pycrcc_collision_dispatch import create_collision_checker
 
+    from scenarios.commonroad import local_origin
     from scenarios.commonroad_file import network_of
     from scenarios.polyline import at_arc_lengths
 
@@ -35,7 +36,7 @@ def main(scenario_file: str, out: str, count: int) -> None:
 
     random = np.random.default_rng(0)
     problem: Any = next(iter(problems.planning_problem_dict.values()))
-    origin: Any = np.round(problem.initial_state.position[:2])
+    origin: Any = local_origin(problem.initial_state.position[:2])
     lanelets = list(network_of(scenario, origin).values())
     lengths = np.array([lanelet.length for lanelet in lanelets])
     chosen = random.choice(len(lanelets), count, p=lengths / lengths.sum())

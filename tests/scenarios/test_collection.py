@@ -7,9 +7,11 @@ import sys
 import tarfile
 import zipfile
 
+import jax
 import numpy as np
 import pytest
 
+import jaxfrenet as jf
 import scenarios
 from scenarios.batching import leaves_of
 from scenarios.files import written_whole
@@ -46,11 +48,40 @@ def test_npz_round_trip(tmp_path, both):
     assert [path.name for path in tmp_path.iterdir()] == ["set.npz"]
 
 
-def test_npz_of_another_version(tmp_path, both, monkeypatch):
-    monkeypatch.setattr("scenarios.storage.VERSION", 99)
+def test_equal_leaves_are_written_and_read_once(tmp_path, both):
+    scenarios.save_npz(tmp_path / "one.npz", both)
+    again = scenarios.load_set(scenarios.builtin_paths())
+    twice = scenarios.ScenarioSet((*both.scenarios, *again.scenarios), both.infos * 2)
+    scenarios.save_npz(tmp_path / "twice.npz", twice)
+    assert (tmp_path / "twice.npz").stat().st_size < 1.1 * (tmp_path / "one.npz").stat().st_size
+    read = scenarios.load_npz(tmp_path / "twice.npz")
+    assert_same(read, twice)
+    assert_each_leaf_shared(read.scenarios[:2], read.scenarios[2:])
+
+
+def test_equal_leaves_are_imported_once(tmp_path, both):
+    scenarios.save_npz(tmp_path / "set.npz", both)
+    read = scenarios.load_set([tmp_path / "set.npz", *scenarios.builtin_paths()])
+    assert_each_leaf_shared(read.scenarios[:2], read.scenarios[2:])
+
+
+def assert_each_leaf_shared(some: tuple[jf.Scenario, ...], others: tuple[jf.Scenario, ...]) -> None:
+    for one, other in zip(some, others, strict=True):
+        assert all(jax.tree.leaves(jax.tree.map(lambda first, second: first is second, one, other)))
+
+
+def test_empty_sets_are_not_written(tmp_path):
+    with pytest.raises(scenarios.ScenarioError, match="no scenario to write"):
+        scenarios.save_npz(tmp_path / "set.npz", scenarios.ScenarioSet((), ()))
+    assert not (tmp_path / "set.npz").exists()
+
+
+@pytest.mark.parametrize("version", [1, 99])
+def test_npz_of_another_version(tmp_path, both, monkeypatch, version):
+    monkeypatch.setattr("scenarios.storage.VERSION", version)
     scenarios.save_npz(tmp_path / "set.npz", both)
     monkeypatch.undo()
-    with pytest.raises(scenarios.ScenarioError, match="format version 99"):
+    with pytest.raises(scenarios.ScenarioError, match=f"format version {version}, this release reads 2"):
         scenarios.load_npz(tmp_path / "set.npz")
 
 

@@ -11,6 +11,7 @@ import pytest
 
 import jaxfrenet as jf
 import scenarios
+from scenarios.commonroad import local_origin
 
 GOAL = "planningProblem/goalState"
 
@@ -35,8 +36,8 @@ def test_t_junction(t_junction_file):
         0,
         0.1,
     )
-    np.testing.assert_allclose(np.asarray(scenario.origin), [-40.0, -2.0])
-    np.testing.assert_allclose(np.asarray(scenario.initial_state.position), [0.0, 0.25], atol=1e-6)
+    np.testing.assert_allclose(np.asarray(scenario.origin), [0.0, 0.0])
+    np.testing.assert_allclose(np.asarray(scenario.initial_state.position), [-40.0, -1.75], atol=1e-6)
     assert float(scenario.initial_state.speed) == 7.0
     assert scenario.obstacles.valid.shape == (4, 121) and bool(scenario.obstacles.valid.all())
     np.testing.assert_allclose(np.asarray(scenario.obstacles.length), 4.6, rtol=1e-6)
@@ -89,6 +90,25 @@ def test_goal_as_circle_and_polygon(edited):
     scenario = scenarios.load(edited(goal_position(f"<polygon>{points}</polygon>")))
     entry, leave = np.asarray(scenario.goal.arc_length)[0]
     assert leave - entry == pytest.approx(20.0, abs=0.5)
+
+
+@pytest.mark.parametrize(
+    ("position", "origin"),
+    [((-49.0, 49.9), (0.0, 0.0)), ((-51.0, 50.1), (-100.0, 100.0)), ((4_512_345.6, -1e6), (4_512_300.0, -1e6))],
+)
+def test_origins_lie_on_a_grid(position, origin):
+    found = local_origin(np.array(position))
+    assert found.tobytes() == np.array(origin).tobytes()
+
+
+def test_map_is_the_same_wherever_the_ego_starts(edited, t_junction):
+    def start_elsewhere(root):
+        root.find("planningProblem/initialState/position/point/x").text = "-33.3"
+
+    other = scenarios.load(edited(start_elsewhere))
+    assert np.asarray(other.initial_state.position).tolist() != np.asarray(t_junction.initial_state.position).tolist()
+    for one, same in ((other.road.segments, t_junction.road.segments), (other.origin, t_junction.origin)):
+        assert np.asarray(one).tobytes() == np.asarray(same).tobytes()
 
 
 def test_several_goal_states(edited):
