@@ -29,15 +29,25 @@ def surface_edge(network: Network) -> NDArray[np.float64]:
 
 
 def outline_edges(region: Any) -> NDArray[np.float64]:
-    """Edges `[edges, end, xy]`, m, of all rings of a shapely geometry; what has no area is left out."""
+    """Edges `[edges, end, xy]`, m, of all rings of a shapely geometry; what has no area is left out.
+
+    Rings around the region run counter-clockwise, those around its holes clockwise, each from its corner with the
+    smallest x on: one region has one outline, however it came about.
+    """
     import shapely
 
     parts = [part for part in shapely.get_parts(region).tolist() if part.geom_type == "Polygon"]
     nested = [part for part in shapely.get_parts(region).tolist() if part.geom_type == "MultiPolygon"]
     parts += [polygon for part in nested for polygon in part.geoms]
+    parts = [shapely.geometry.polygon.orient(part) for part in parts]
     closed = [ring for part in parts for ring in (part.exterior, *part.interiors)]
-    rings = [np.asarray(ring.coords)[:-1] for ring in closed if shapely.Polygon(ring).area > NO_WIDTH * ring.length]
+    rings = [_from_smallest_x(np.asarray(ring.coords)[:-1, :2]) for ring in closed
+             if shapely.Polygon(ring).area > NO_WIDTH * ring.length]  # fmt: skip
     return np.concatenate([polyline.ring_edges(ring) for ring in rings]) if rings else np.zeros((0, 2, 2))
+
+
+def _from_smallest_x(ring: Points) -> Points:
+    return np.roll(ring, -np.argmin(ring[:, 0]), axis=0)
 
 
 def lane_sections(network: Network) -> list[Points]:

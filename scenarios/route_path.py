@@ -28,6 +28,12 @@ MAX_DEVIATIONS = (0.25, 0.35, 0.5)
 """How far smoothing may leave the centre line [m]; the next one is for paths that stay too sharp."""
 COMFORTABLE_CURVATURE = 0.2
 """Above this the path is too sharp [1/m]; the vehicles turn at up to 0.7."""
+HARDLY_ROUGH = 0.005
+"""A centre line whose curvature never changes faster than this [1/m²] is kept."""
+HARD_TO_STEER = 0.12
+"""A centre line whose curvature changes faster than this somewhere [1/m²] is smoothed in any case."""
+NOT_MUCH_ROUGHER = 6.0
+"""A centre line whose curvature changes at most this many times as fast as the smoothed path's is kept."""
 
 
 @dataclass(frozen=True)
@@ -144,7 +150,7 @@ def continued(line: CenterLine, network: Network, route: list[int], end: float) 
 def reference_path(line: CenterLine, end: float) -> RoutePath:
     """Smooth the centre line and tabulate it from 30 m before the ego's start to arc length `end` [m] of `line`.
 
-    Where the centre line is shorter, it is prolonged straight.
+    Where the centre line is shorter, it is prolonged straight. A line that is smooth already is kept.
     """
     begin = line.start - EXTENSION
     along = np.arange(begin - SMOOTHING_MARGIN, end + SMOOTHING_MARGIN + SMOOTHING_SPACING, SMOOTHING_SPACING)
@@ -154,7 +160,33 @@ def reference_path(line: CenterLine, end: float) -> RoutePath:
         path = _evenly_spaced(smoothed(points, max_deviation), ends)
         if np.max(np.abs(path.curvature)) <= COMFORTABLE_CURVATURE:
             break
-    return path
+    drawn = _as_drawn(line, end)
+    return drawn if _is_smooth(drawn, line, than=path) else path
+
+
+def _as_drawn(line: CenterLine, end: float) -> RoutePath:
+    """Tables of the curve through the centre line's own points, prolonged straight where it does not reach."""
+    along = polyline.arc_lengths(line.points)
+    behind = -np.arange(0.0, EXTENSION - line.start + 2.0)[:0:-1]
+    beyond = along[-1] + np.arange(0.0, end - along[-1] + 2.0)[1:]
+    curve, length = _by_arc_length(polyline.at_arc_lengths(line.points, np.concatenate([behind, along, beyond])))
+    ends = polyline.at_arc_lengths(line.points, [line.start, end])
+    start, last = polyline.project(curve(np.arange(0.0, length, SPACING)), ends)[0]
+    nodes = np.arange(0.0, min(last, length) - start + EXTENSION, SPACING)
+    x, y = curve(start - EXTENSION + nodes).T
+    return tabulated(x, y, nodes)
+
+
+def _is_smooth(path: RoutePath, line: CenterLine, than: RoutePath) -> bool:
+    """Whether a path needs no smoothing: never far from the centre line, and not much rougher `than` a smoothed one."""
+    away = np.linalg.norm(polyline.project(line.points, path.points)[1] - path.points, axis=1)
+    on_line = (path.arc_length > EXTENSION) & (path.arc_length < EXTENSION + line.length - line.start)
+    roughness, smoothed_roughness = (np.max(np.abs(one.curvature_derivative)) for one in (path, than))
+    return bool(
+        np.max(np.abs(path.curvature)) <= COMFORTABLE_CURVATURE
+        and roughness <= max(HARDLY_ROUGH, min(HARD_TO_STEER, NOT_MUCH_ROUGHER * smoothed_roughness))
+        and np.max(away[on_line], initial=0.0) <= MAX_DEVIATIONS[0]
+    )
 
 
 def _evenly_spaced(points: Points, ends: Points) -> RoutePath:
