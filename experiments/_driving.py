@@ -3,30 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import partial
-from pathlib import Path
 from typing import Literal
 
-from tqdm import tqdm
-
 import jaxfrenet as jf
-import scenarios
-from experiments._cli import UserError
-
-BUILTIN = Path("builtin")
-"""Stands for the scenarios that come with the project."""
+from experiments._sources import SourceOptions
+from scenarios.command_line import UserError
 
 
 @dataclass(frozen=True)
-class DrivingOptions:
+class DrivingOptions(SourceOptions):
     """What is driven, by which planner."""
 
-    scenarios: tuple[Path, ...] = (BUILTIN,)
-    """CommonRoad files, folders or .tar.xz/.zip archives of them, .npz sets, or `builtin`."""
-    planning_problem: int | None = None
-    """Identifier of the planning problem to drive; the first of each file where it is not given."""
     planner: Literal["default"] = "default"
     """The planner that drives: `default` has fixed cost weights."""
     predictor: Literal["constant_velocity", "ground_truth"] = "constant_velocity"
@@ -79,28 +67,3 @@ def _weight(assignment: str, value: str) -> float:
             f"--weights {assignment}: {value!r} is not a finite number ≥ 0; write for example prediction=200"
         )
     return weight
-
-
-def load_scenarios(options: DrivingOptions) -> scenarios.ScenarioSet:
-    """Read the scenarios that the options name.
-
-    Raises:
-      UserError: they name none.
-      ScenarioError: nothing that can be driven was found.
-      OSError: a file cannot be read.
-    """
-    if not options.scenarios:
-        raise UserError("--scenarios: no file named; name at least one, or leave the option out")
-    paths = scenario_paths(options.scenarios)
-    with tqdm(desc="importing", unit=" files", delay=5.0) as bar:
-        return scenarios.load_set(paths, options.planning_problem, partial(_show_progress, bar))
-
-
-def scenario_paths(sources: Iterable[Path]) -> list[Path]:
-    """The paths that `--scenarios` names; `builtin` stands for the project's own files."""
-    return [path for source in sources for path in (scenarios.builtin_paths() if source == BUILTIN else [source])]
-
-
-def _show_progress(bar: tqdm, done: int, total: int) -> None:
-    bar.total = total
-    bar.update(done - bar.n)

@@ -10,39 +10,27 @@ from matplotlib.axes import Axes
 from matplotlib.collections import Collection, EllipseCollection, LineCollection, PolyCollection
 from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch, PathPatch
+from matplotlib.patches import Patch
 
 import jaxfrenet as jf
-from experiments._outlines import filled_area
 from experiments._recording import Recording
+from experiments._scene import (
+    EGO,
+    box_corners,
+    draw_surroundings,
+    kind_color,
+    kind_handles,
+    kinds_in,
+    surroundings_handles,
+)
 
 Drawn = TypeVar("Drawn", bound=Collection)
 VIEW = (70.0, 50.0)
 """Width and height [m] of the stretch of road that is shown."""
-OFF_ROAD, SURFACE, EDGE = "#eef0ea", "#d3d7dc", "#8b939c"
-PATH, GOAL, CHOSEN, EGO, INFEASIBLE = "#5b6570", "#2e9e6b", "#d7263d", "#d7263d", "#8d96a0"
+CHOSEN, INFEASIBLE = EGO, "#8d96a0"
 COSTS = colormaps["viridis_r"]
-KIND_COLORS = {
-    jf.ObstacleKind.CAR: "#2f6db3",
-    jf.ObstacleKind.TRUCK: "#7b4fa3",
-    jf.ObstacleKind.BUS: "#7b4fa3",
-    jf.ObstacleKind.MOTORCYCLE: "#c77d1e",
-    jf.ObstacleKind.BICYCLE: "#c77d1e",
-    jf.ObstacleKind.PEDESTRIAN: "#c2417c",
-    jf.ObstacleKind.PARKED_VEHICLE: "#5e6b78",
-}
-OTHER_KIND_COLOR = "#5e6b78"
 PREDICTED_EVERY = 5
 """Planning steps between the prediction's ellipses that are drawn."""
-
-
-def box_corners(x, y, heading, length, width) -> np.ndarray:
-    """Corners `[..., 4, 2]` of oriented boxes; arguments broadcast, in metres and radians."""
-    along = np.stack([np.cos(heading), np.sin(heading)], axis=-1) * np.asarray(length)[..., None] / 2
-    across = np.stack([-np.sin(heading), np.cos(heading)], axis=-1) * np.asarray(width)[..., None] / 2
-    center = np.stack([x, y], axis=-1)
-    front, rear = center + along, center - along
-    return np.stack([front + across, front - across, rear - across, rear + across], axis=-2)
 
 
 class RoadView:
@@ -51,7 +39,9 @@ class RoadView:
     def __init__(self, axes: Axes, recording: Recording, vehicle: jf.Vehicle) -> None:
         self._axes, self._recording, self._vehicle = axes, recording, vehicle
         self._kinds = recording.scenario.obstacles.kind
-        self._draw_surroundings()
+        draw_surroundings(axes, recording.scenario)
+        axes.set_xlabel("x [m]")
+        axes.set_ylabel("y [m]")
         self._infeasible = _add(axes, LineCollection([], colors=INFEASIBLE, linewidths=0.4, alpha=0.25, zorder=3))
         self._feasible = _add(axes, LineCollection([], linewidths=0.8, alpha=0.7, zorder=4))
         self._ellipses = _add(axes, _no_ellipses(axes))
@@ -62,38 +52,18 @@ class RoadView:
         self._center = _smooth_camera(recording)
         self._draw_legend()
 
-    def _draw_surroundings(self) -> None:
-        axes, scenario = self._axes, self._recording.scenario
-        axes.set_facecolor(OFF_ROAD)
-        axes.set_aspect("equal")
-        axes.set_xlabel("x [m]")
-        axes.set_ylabel("y [m]")
-        surface = filled_area(np.asarray(scenario.road.segments[scenario.road.valid]))
-        if surface is not None:
-            axes.add_patch(PathPatch(surface, facecolor=SURFACE, edgecolor=EDGE, linewidth=1.0, zorder=1))
-        goal = scenario.goal
-        region = filled_area(np.asarray(goal.edges[goal.edge_valid & goal.valid[:, None]]))
-        if region is not None:
-            axes.add_patch(PathPatch(region, facecolor=to_rgba(GOAL, 0.25), edgecolor=GOAL, linewidth=1.0, zorder=2))
-        axes.add_collection(LineCollection(_lane_borders(scenario), colors="white", linewidths=1.0, zorder=1.5))
-        path = scenario.path
-        on_path = path.arc_length <= path.length
-        axes.plot(path.x[on_path], path.y[on_path], color=PATH, linewidth=1.0, dashes=(6, 4), zorder=2.5)
-
     def _draw_legend(self) -> None:
-        obstacles = self._recording.scenario.obstacles
-        kinds = {jf.ObstacleKind(int(kind)) for kind in self._kinds[obstacles.valid.any(-1)]}
+        kinds = kinds_in(self._recording.scenario.obstacles)
         handles = [
             Patch(color=EGO, label="ego"),
             Line2D([], [], color=CHOSEN, linewidth=2.2, label="chosen trajectory"),
             Line2D([], [], color=COSTS(0.35), label="feasible (bright: cheap)"),
             Line2D([], [], color=INFEASIBLE, linewidth=0.8, label="infeasible"),
-            Line2D([], [], color=PATH, linewidth=1.0, dashes=(4, 3), label="reference path"),
-            Patch(facecolor=to_rgba(GOAL, 0.25), edgecolor=GOAL, label="goal"),
-            *(Patch(color=_color(kind), label=kind.name.lower().replace("_", " ")) for kind in sorted(kinds)),
+            *surroundings_handles(),
+            *kind_handles(kinds),
         ]
         if kinds:
-            handles.append(Patch(color=to_rgba(_color(min(kinds)), 0.25), label="predicted, 2σ"))
+            handles.append(Patch(color=to_rgba(kind_color(min(kinds)), 0.25), label="predicted, 2σ"))
         self._axes.legend(handles=handles, loc="lower left", fontsize=7, framealpha=0.9, ncols=2, borderpad=0.6)
 
     def show(self, step: int) -> None:
@@ -122,9 +92,9 @@ class RoadView:
         now = min(int(state.step), last)
         seen = np.flatnonzero(obstacles.valid[:, now] & (state.step <= last) | obstacles.static)
         center, heading = obstacles.position[seen, now], obstacles.heading[seen, now]
-        boxes = box_corners(center[:, 0], center[:, 1], heading, obstacles.length[seen], obstacles.width[seen])
+        boxes = box_corners(center, heading, obstacles.length[seen], obstacles.width[seen])
         self._traffic.set_verts(list(boxes))
-        self._traffic.set_facecolor([self._kind_color(obstacle) for obstacle in seen])
+        self._traffic.set_facecolor([kind_color(self._kinds[obstacle]) for obstacle in seen])
         self._show_prediction(cycle.prediction)
 
     def _show_prediction(self, prediction: jf.Prediction) -> None:
@@ -137,19 +107,14 @@ class RoadView:
         self._ellipses.set(widths=diameter[:, 1], heights=diameter[:, 0], angles=angle)
         self._ellipses.set_offsets(prediction.mean[obstacle, time])
         fading = 0.3 * (1.0 - time / prediction.valid.shape[-1])
-        self._ellipses.set_facecolor([to_rgba(self._kind_color(o), a) for o, a in zip(obstacle, fading, strict=True)])
-
-    def _kind_color(self, obstacle: np.intp) -> str:
-        return _color(jf.ObstacleKind(int(self._kinds[obstacle])))
+        self._ellipses.set_facecolor(
+            [to_rgba(kind_color(self._kinds[o]), a) for o, a in zip(obstacle, fading, strict=True)]
+        )
 
     def _show_ego(self, ego: jf.EgoState) -> None:
         ahead = self._vehicle.rear_axle_to_center
-        x, y = ego.x + ahead * np.cos(ego.heading), ego.y + ahead * np.sin(ego.heading)
-        self._ego.set_verts([box_corners(x, y, ego.heading, self._vehicle.length, self._vehicle.width)])
-
-
-def _color(kind: jf.ObstacleKind) -> str:
-    return KIND_COLORS.get(kind, OTHER_KIND_COLOR)
+        center = np.array([ego.x + ahead * np.cos(ego.heading), ego.y + ahead * np.sin(ego.heading)])
+        self._ego.set_verts([box_corners(center, ego.heading, self._vehicle.length, self._vehicle.width)])
 
 
 def _add(axes: Axes, collection: Drawn) -> Drawn:
@@ -165,16 +130,6 @@ def _no_ellipses(axes: Axes) -> EllipseCollection:
 def _is_drawable(lines: np.ndarray) -> np.ndarray:
     """Which of the lines `[lines, points, xy]` do not leap: no vehicle drives 10 m in one step."""
     return np.linalg.norm(np.diff(lines, axis=1), axis=-1).max(axis=1) < 10.0
-
-
-def _lane_borders(scenario: jf.Scenario) -> list[np.ndarray]:
-    """Both borders of the route's lane along the reference path."""
-    path, lanes = scenario.path, scenario.lanes
-    normal = np.stack([-np.sin(path.heading), np.cos(path.heading)], axis=-1)
-    exists = (lanes.direction[:, 0] != 0) & (path.arc_length <= path.length)
-    center = np.where(exists, lanes.center[:, 0], np.nan)
-    points = np.stack([path.x, path.y], axis=-1)
-    return [points + (center + side * lanes.width[:, 0])[:, None] * normal for side in (-0.5, 0.5)]
 
 
 def _smooth_camera(recording: Recording) -> np.ndarray:

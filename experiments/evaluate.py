@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +14,10 @@ from tqdm import tqdm
 import jaxfrenet as jf
 import scenarios
 from experiments._batches import Batch, BatchDriver, make_batches
-from experiments._cli import UserError, prepare_folder, print_table, run_command
-from experiments._driving import DrivingOptions, cost_weights, load_scenarios, planner_config
+from experiments._driving import DrivingOptions, cost_weights, planner_config
 from experiments._results import episode_row, summarize, summary_table, write_results
+from experiments._sources import SourceOptions, load_scenarios, source_as_plain
+from scenarios.command_line import UserError, prepare_folder, print_table, run_command
 
 
 @dataclass(frozen=True)
@@ -100,15 +101,15 @@ def driven_steps(episode: jf.Episode) -> int:
 
 def _as_plain(options: EvaluateOptions, weights: jf.CostWeights) -> dict[str, Any]:
     """The options as JSON can hold them, with all weights that rank trajectories."""
-    plain = {name: str(value) if isinstance(value, Path) else value for name, value in asdict(options).items()}
-    plain["scenarios"] = [str(path) for path in options.scenarios]
-    plain["weights"] = {name: getattr(weights, name) for name in weights.names()}
-    return plain
+    source = {field.name for field in fields(SourceOptions)}
+    rest = {name: value for name, value in asdict(options).items() if name not in source}
+    ranking = {name: getattr(weights, name) for name in weights.names()}
+    return source_as_plain(options) | rest | {"weights": ranking, "out": str(options.out)}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command."""
-    run_command(EvaluateOptions, evaluate, "evaluate", arguments)
+    run_command(EvaluateOptions, evaluate, "experiments.evaluate", arguments)
 
 
 if __name__ == "__main__":

@@ -15,9 +15,10 @@ from typing import Any
 from tqdm import tqdm
 
 from experiments._checker import Verdict, check_solution, quieten
-from experiments._cli import UserError, print_table, run_command
-from experiments._driving import scenario_paths
+from experiments._sources import draw_of, scenario_paths
 from scenarios.collection import scenario_files
+from scenarios.command_line import UserError, print_table, run_command
+from scenarios.families import documents
 from scenarios.files import written_whole
 
 
@@ -40,7 +41,7 @@ def verify(options: VerifyOptions) -> None:
     if importlib.util.find_spec("commonroad_dc") is None:
         raise UserError("needs commonroad-drivability-checker, which is not installed; install jaxfrenet[checker]")
     document = _read_results(options.results)
-    texts = _scenario_texts(document["config"]["scenarios"])
+    texts = _scenario_texts(document["config"])
     episodes = _chosen(document["episodes"], options.limit)
     jobs = [(texts(row["scenario"]), _solution_of(options.results, row)) for row in episodes]
     verdicts = _judge(jobs, options)
@@ -57,31 +58,43 @@ def _read_results(folder: Path) -> dict[str, Any]:
         raise UserError(f"{path}: no such file; run evaluate --solutions --out {folder} first")
     try:
         document = json.loads(path.read_bytes())
-        complete = bool(document["episodes"] and document["config"]["scenarios"])
-    except (ValueError, KeyError, TypeError):
+        config = document["config"]
+        complete = bool(document["episodes"] and (config.get("scenarios") or draw_of(config).checked()))
+    except (ValueError, KeyError, TypeError, AttributeError):
         complete = False
     if not complete:
         raise UserError(f"{path}: is not a complete result of evaluate; run evaluate again")
     return document
 
 
-def _scenario_texts(sources: Sequence[str]) -> Callable[[str], bytes]:
+def _scenario_texts(config: dict[str, Any]) -> Callable[[str], bytes]:
     """A function from an episode's name to the text of its CommonRoad file."""
+    by_name = _file_readers(config["scenarios"]) if config.get("scenarios") else _generated_again(config)
+
+    def text(name: str) -> bytes:
+        if name not in by_name:
+            raise UserError(f"{name}: not among the scenarios that were driven; put the files back where they were")
+        return by_name[name]()
+
+    return text
+
+
+def _file_readers(sources: Sequence[str]) -> dict[str, Callable[[], bytes]]:
     paths = scenario_paths(map(Path, sources))
     kept = [str(path) for path in paths if path.suffix == ".npz"]
     if kept:
         raise UserError(f"{kept[0]}: holds no CommonRoad files to judge by; evaluate the files that it was made from")
     found = [file for path in paths for file in scenario_files(path)]
-    by_name = {Path(file.name).stem: file for file in found}
+    by_name = {Path(file.name).stem: file.read for file in found}
     if len(by_name) < len(found):
         raise UserError("several scenarios have one name: evaluate and verify their folders one by one")
+    return by_name
 
-    def text(name: str) -> bytes:
-        if name not in by_name:
-            raise UserError(f"{name}: not among the scenarios that were driven; put the files back where they were")
-        return by_name[name].read()
 
-    return text
+def _generated_again(config: dict[str, Any]) -> dict[str, Callable[[], bytes]]:
+    draw = draw_of(config)
+    made = tqdm(documents(draw), "generating", draw.count, unit=" scenarios", delay=5.0)
+    return {name: lambda text=text: text for name, text in made}
 
 
 def _chosen(episodes: list[dict[str, Any]], limit: int | None) -> list[dict[str, Any]]:
@@ -137,7 +150,7 @@ def _summary(rows: Sequence[dict[str, Any]], feasibility: bool) -> list[tuple[st
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command."""
-    run_command(VerifyOptions, verify, "verify", arguments)
+    run_command(VerifyOptions, verify, "experiments.verify", arguments)
 
 
 if __name__ == "__main__":

@@ -16,12 +16,13 @@ from tqdm import tqdm
 
 import jaxfrenet as jf
 import scenarios
-from experiments._cli import UserError, prepare_folder, run_command
-from experiments._driving import DrivingOptions, cost_weights, load_scenarios, planner_config
+from experiments._driving import DrivingOptions, cost_weights, planner_config
 from experiments._movies import write_gif, write_mp4
 from experiments._recording import Recording, record
 from experiments._road_view import RoadView
+from experiments._sources import load_scenarios
 from experiments._time_plots import TimePlots
+from scenarios.command_line import UserError, prepare_folder, run_command
 from scenarios.files import written_whole
 
 STEPS_PER_FRAME = 2
@@ -130,7 +131,7 @@ def _write_animation(film: Film, recording: Recording, folder: Path, kind: Liter
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command."""
-    run_command(ViewOptions, view, "view", arguments)
+    run_command(ViewOptions, view, "experiments.view", arguments)
 
 
 if __name__ == "__main__":

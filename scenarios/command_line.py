@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 import jax
-import tyro
 
-import scenarios
+from scenarios.errors import ScenarioError
 
 Options = TypeVar("Options")
 
@@ -24,24 +23,25 @@ class UserError(Exception):
 
 
 def run_command(
-    options_type: type[Options], body: Callable[[Options], None], name: str, arguments: Sequence[str] | None = None
+    options_type: type[Options], body: Callable[[Options], None], module: str, arguments: Sequence[str] | None = None
 ) -> None:
     """Parse the options and run a command.
 
     Args:
       options_type: a dataclass; its fields are the command's options.
       body: the command.
-      name: the command's module in `experiments`, for `--help`.
+      module: the command's module, for example `experiments.view`; `--help` shows it, messages its last part.
       arguments: the command line; None takes the process's own.
 
     Raises:
       SystemExit: with code 2 after one line on stderr where the user can mend the cause, 130 after Ctrl-C.
     """
+    name = module.rpartition(".")[2]
     try:
-        options = _parse(options_type, name, arguments)
+        options = _parse(options_type, module, arguments)
         _keep_compiled_programs()
         body(options)
-    except (UserError, scenarios.ScenarioError) as error:
+    except (UserError, ScenarioError) as error:
         _fail(name, str(error))
     except OSError as error:
         _fail(name, f"{error.filename}: {error.strerror}" if error.filename else str(error))
@@ -55,11 +55,15 @@ def _fail(name: str, message: str) -> NoReturn:
     raise SystemExit(2) from None
 
 
-def _parse(options_type: type[Options], name: str, arguments: Sequence[str] | None) -> Options:
+def _parse(options_type: type[Options], module: str, arguments: Sequence[str] | None) -> Options:
+    try:
+        import tyro
+    except ImportError:
+        raise UserError("the commands need tyro, which is not installed; install jaxfrenet[experiments]") from None
     complaint = io.StringIO()
     try:
         with contextlib.redirect_stderr(complaint):
-            return tyro.cli(options_type, prog=f"python -m experiments.{name}", args=arguments)
+            return tyro.cli(options_type, prog=f"python -m {module}", args=arguments)
     except SystemExit as stop:
         if not stop.code:
             raise

@@ -2,12 +2,22 @@ from __future__ import annotations
 
 import re
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 import scenarios
 from experiments import evaluate, view
+
+
+@pytest.fixture(scope="session", autouse=True)
+def own_scenario_cache(tmp_path_factory) -> Iterator[None]:
+    """Keeps imported scenarios out of the user's cache."""
+    folder = tmp_path_factory.mktemp("scenario_cache")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("scenarios.cache.user_cache", lambda: folder)
+        yield
 
 
 @pytest.fixture(scope="session")
@@ -19,7 +29,15 @@ def builtin_file() -> Path:
 def evaluated(tmp_path_factory) -> Path:
     """Results of `evaluate` on the built-in scenarios."""
     out = tmp_path_factory.mktemp("evaluate")
-    evaluate.main(["--out", str(out), "--solutions"])
+    evaluate.main(["--scenarios", "builtin", "--out", str(out), "--solutions"])
+    return out
+
+
+@pytest.fixture(scope="session")
+def evaluated_generated(tmp_path_factory) -> Path:
+    """Results of `evaluate` on two generated scenarios."""
+    out = tmp_path_factory.mktemp("evaluate_generated")
+    evaluate.main(["--generate", "2", "--generator-seed", "1", "--out", str(out), "--solutions"])
     return out
 
 
@@ -27,7 +45,7 @@ def evaluated(tmp_path_factory) -> Path:
 def viewed(tmp_path_factory) -> Path:
     """Results of `view` on the first built-in scenario."""
     out = tmp_path_factory.mktemp("view")
-    view.main(["--out", str(out)])
+    view.main(["--scenarios", "builtin", "--out", str(out)])
     return out
 
 

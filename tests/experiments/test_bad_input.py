@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from experiments import evaluate, view
+from experiments import compare, evaluate, gallery, view
 
 
 def complaint(main, arguments, capsys) -> str:
@@ -32,13 +32,31 @@ def complaint(main, arguments, capsys) -> str:
         (["--no-such-option"], "--no-such-option"),
         (["--batch", "0"], "--batch"),
         (["--batch", "many"], "many"),
-        (["--planning-problem", "424242"], "424242"),
+        (["--scenarios", "builtin", "--planning-problem", "424242"], "424242"),
+        (["--planning-problem", "424242"], "--scenarios"),
         (["--scenarios"], "--scenarios"),
+        (["--scenarios", "builtin", "--generate", "3"], "--generate"),
+        (["--scenarios", "builtin", "--family", "highway"], "--family"),
+        (["--generate", "0"], "at least 1"),
+        (["--generate", "-3"], "at least 1"),
+        (["--generate", "many"], "many"),
+        (["--generator-seed", "-1"], "-1"),
+        (["--family", "roundabout"], "tjunction"),
+        (["--preset", "mild"], "default, commonroad, hard"),
     ],
 )
 def test_bad_option(arguments, says, tmp_path, capsys):
     out = tmp_path / "out"
     assert says in complaint(evaluate.main, [*arguments, "--out", str(out)], capsys)
+    assert not out.exists()
+
+
+@pytest.mark.parametrize("main", [view.main, gallery.main, compare.main], ids=["view", "gallery", "compare"])
+@pytest.mark.parametrize("arguments, says", [(["--generate", "0"], "at least 1"), (["--family", "x"], "tjunction")])
+def test_nothing_to_generate(main, arguments, says, tmp_path, capsys):
+    files = ["--scenarios", "builtin"] if main is compare.main else []
+    out = tmp_path / "out"
+    assert says in complaint(main, [*files, *arguments, "--out", str(out)], capsys)
     assert not out.exists()
 
 
@@ -55,7 +73,12 @@ def bad_files(folder):
     return ["missing.xml", "empty_folder", *(path.name for path in folder.iterdir() if path.is_file())]
 
 
-@pytest.mark.parametrize("main", [evaluate.main, view.main], ids=["evaluate", "view"])
+COMMANDS = pytest.mark.parametrize(
+    "main", [evaluate.main, view.main, gallery.main, compare.main], ids=["evaluate", "view", "gallery", "compare"]
+)
+
+
+@COMMANDS
 def test_bad_scenario_sources(main, tmp_path, capsys):
     for name in bad_files(tmp_path):
         out = tmp_path / "out"
@@ -73,14 +96,19 @@ def test_file_without_planning_problem(without_planning_problem, tmp_path, capsy
     assert "planning problem" in complaint(evaluate.main, arguments, capsys)
 
 
-@pytest.mark.parametrize("main", [evaluate.main, view.main], ids=["evaluate", "view"])
+@COMMANDS
 def test_out_is_a_file(main, tmp_path, capsys):
     out = tmp_path / "out"
     out.write_text("mine")
-    assert str(out) in complaint(main, ["--out", str(out)], capsys)
-    assert str(out) in complaint(main, ["--out", str(out / "deeper")], capsys)
+    for folder in (out, out / "deeper"):
+        assert str(out) in complaint(main, ["--scenarios", "builtin", "--out", str(folder)], capsys)
     assert out.read_text() == "mine"
 
 
 def test_view_of_an_unknown_name(tmp_path, capsys):
-    assert "nobody" in complaint(view.main, ["--name", "nobody", "--out", str(tmp_path / "out")], capsys)
+    arguments = ["--scenarios", "builtin", "--name", "nobody", "--out", str(tmp_path / "out")]
+    assert "nobody" in complaint(view.main, arguments, capsys)
+
+
+def test_compare_needs_files(tmp_path, capsys):
+    assert "--scenarios" in complaint(compare.main, ["--out", str(tmp_path / "out")], capsys)

@@ -12,6 +12,7 @@ import jaxfrenet as jf
 import scenarios
 from experiments import evaluate
 from experiments._driving import cost_weights
+from scenarios.families import FAMILIES, Draw
 
 SUMMARY = {"scenarios", "mean_ego_risk", "mean_third_party_risk", "seconds", "planning_cycles", "skipped"}
 OUTCOMES = {
@@ -94,6 +95,23 @@ def test_config_records_what_was_asked_for(evaluated):
     config = read(evaluated)["config"]
     assert config["predictor"] == "constant_velocity"
     assert config["weights"] == {name: getattr(jf.CostWeights(), name) for name in jf.CostWeights().names()}
+    assert config["scenarios"] == ["builtin"]
+    assert not {"generate", "generator_seed", "family", "preset"} & set(config)
+
+
+def test_generated_scenarios_are_driven_and_named(evaluated_generated):
+    results = read(evaluated_generated)
+    config, draw = results["config"], Draw(2, seed=1)
+    source = {"generate": 2, "generator_seed": 1, "family": "tjunction", "preset": "default"}
+    assert {name: config.get(name) for name in source} == source
+    assert "scenarios" not in config
+    assert [episode["scenario"] for episode in results["episodes"]] == [draw.name(0), draw.name(1)]
+    assert {path.stem for path in (evaluated_generated / "solutions").iterdir()} == {draw.name(0), draw.name(1)}
+
+
+def test_generated_scenarios_are_the_default():
+    assert evaluate.EvaluateOptions().scenarios is None
+    assert evaluate.EvaluateOptions().draw() == Draw(16, seed=0, family="tjunction", preset="default")
 
 
 def test_weights_replace_the_default_ones():
@@ -127,13 +145,16 @@ def test_help_explains_the_options(capsys):
         evaluate.main(["--help"])
     assert stop.value.code == 0
     shown = capsys.readouterr().out
+    assert "python -m experiments.evaluate" in shown
     assert all(option in shown for option in ("--scenarios", "--weights", "--predictor", "--solutions", "--seed"))
+    assert all(option in shown for option in ("--generate", "--generator-seed", "--family", "--preset"))
+    assert all(name in shown for family in FAMILIES for name in (family, *FAMILIES[family].presets))
 
 
 def test_a_second_run_replaces_the_solutions_of_the_first(evaluated, tmp_path):
     out = shutil.copytree(evaluated, tmp_path / "again")
     (out / "solutions" / "OLD.xml").write_text("of an earlier run")
-    evaluate.main(["--out", str(out), "--solutions"])
+    evaluate.main(["--scenarios", "builtin", "--out", str(out), "--solutions"])
     kept = sorted(path.name for path in (out / "solutions").iterdir())
     assert kept == sorted(path.name for path in (evaluated / "solutions").iterdir())
     assert {path.name for path in out.iterdir()} == {"results.json", "episodes.csv", "solutions"}

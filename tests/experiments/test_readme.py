@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import re
+from importlib.util import find_spec
 from pathlib import Path
 
 README = Path(__file__).parents[2] / "README.md"
@@ -22,5 +23,7 @@ def test_everything_it_shows_exists():
     pictures = re.findall(r"!\[.*?\]\((.*?)\)", text)
     assert pictures
     assert all((README.parent / picture).stat().st_size < 400_000 for picture in pictures)
+    modules = set(re.findall(r"python -m ((?:experiments|scenarios)\.\w+)", text))
+    assert modules and all(find_spec(module) for module in modules)
     rooms = re.findall(r"^\| `(\w+)/`", text, flags=re.MULTILINE)
     assert rooms and all((README.parent / room).is_dir() for room in rooms)

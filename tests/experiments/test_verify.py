@@ -43,6 +43,14 @@ def test_verdicts_agree_with_the_outcomes(results, capsys):
     assert "agrees with outcome" in table and f"{len(rows)}/{len(rows)}" in table
 
 
+def test_generated_scenarios_are_judged_too(evaluated_generated, tmp_path):
+    results = shutil.copytree(evaluated_generated, tmp_path / "results")
+    rows = run(results)
+    episodes = json.loads((results / "results.json").read_bytes())["episodes"]
+    assert [row["scenario"] for row in rows] == [row["scenario"] for row in episodes]
+    assert all(row["agrees"] for row in rows)
+
+
 def test_a_wrong_outcome_is_found(results):
     document = json.loads((results / "results.json").read_bytes())
     document["episodes"][0]["outcome"] = "collision_obstacle"
@@ -64,6 +72,9 @@ def test_bad_input_is_one_line(results, tmp_path, capfd):
     document["config"]["scenarios"] = ["set.npz"]
     (results / "results.json").write_text(json.dumps(document))
     assert "holds no CommonRoad files" in refused(capfd, "--results", str(results))
+    document["config"] |= {"scenarios": None, "generate": 2, "generator_seed": 0, "family": "x", "preset": "default"}
+    (results / "results.json").write_text(json.dumps(document))
+    assert "not a complete result" in refused(capfd, "--results", str(results))
     (results / "results.json").write_text("{")
     assert "not a complete result" in refused(capfd, "--results", str(results))
     assert not (results / "verify.json").exists()
