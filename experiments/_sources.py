@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -47,6 +47,8 @@ class SourceOptions(GeneratorOptions):
     """CommonRoad files, folders or .tar.xz/.zip archives of them, .npz sets, or `builtin`; not generated ones then."""
     planning_problem: int | None = None
     """Identifier of the planning problem in the files; the first of each file where it is not given."""
+    traffic: bool = True
+    """Whether there are other road users; without them only the road and the goal are left."""
 
 
 def load_scenarios(options: SourceOptions) -> scenarios.ScenarioSet:
@@ -57,6 +59,13 @@ def load_scenarios(options: SourceOptions) -> scenarios.ScenarioSet:
       ScenarioError: nothing that can be driven was found, or the generator was asked for something impossible.
       OSError: a file cannot be read.
     """
+    found = _from_source(options)
+    if options.traffic:
+        return found
+    return replace(found, scenarios=tuple(scenarios.without_traffic(scenario) for scenario in found.scenarios))
+
+
+def _from_source(options: SourceOptions) -> scenarios.ScenarioSet:
     if options.scenarios is None:
         if options.planning_problem is not None:
             wanted = f"--planning-problem {options.planning_problem}"
@@ -91,8 +100,10 @@ def scenario_paths(sources: Iterable[Path]) -> list[Path]:
 def source_as_plain(options: SourceOptions) -> dict[str, Any]:
     """The options that name the source, as JSON can hold them; those of the other source are left out."""
     if options.scenarios is None:
-        return {name: getattr(options, name) for name in GENERATOR_FIELDS}
-    return {"scenarios": [str(path) for path in options.scenarios], "planning_problem": options.planning_problem}
+        source = {name: getattr(options, name) for name in GENERATOR_FIELDS}
+    else:
+        source = {"scenarios": [str(path) for path in options.scenarios], "planning_problem": options.planning_problem}
+    return source | {"traffic": options.traffic}
 
 
 def draw_of(config: dict[str, Any]) -> Draw:

@@ -64,6 +64,8 @@ def _read_results(folder: Path) -> dict[str, Any]:
         complete = False
     if not complete:
         raise UserError(f"{path}: is not a complete result of evaluate; run evaluate again")
+    if not document["config"].get("traffic", True):
+        raise UserError(f"{path}: driven without traffic, which the checker has; run evaluate without --no-traffic")
     return document
 
 

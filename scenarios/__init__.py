@@ -1,6 +1,6 @@
 """Where scenarios come from: CommonRoad files, folders and archives of them, and our own `.npz` sets."""
 
-from scenarios.batching import pad_to, sizes_of, stack
+from scenarios.batching import pad_to, sizes_of, stack, without_traffic
 from scenarios.buckets import Bucket
 from scenarios.builtin import builtin_paths
 from scenarios.cache import load_cached
@@ -29,5 +29,6 @@ __all__ = [
     "save_npz",
     "sizes_of",
     "stack",
+    "without_traffic",
     "write_solution",
 ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -144,6 +145,15 @@ def stack(scenarios: Sequence[jf.Scenario], pad: Mapping[str, int] | None = None
     common = {axis: max(size[axis] for size in sizes) for axis in PADDED_AXES} | dict(pad or {})
     padded = [_padded(leaves, common) for leaves in every]
     return scenario_of({name: np.stack([leaves[name] for leaves in padded]) for name in AXES})
+
+
+def without_traffic(scenario: jf.Scenario) -> jf.Scenario:
+    """One scenario, not a batch, with nobody else on the road."""
+    obstacles = jax.tree.map(lambda leaf: leaf[:1], scenario.obstacles)
+    nobody = replace(
+        obstacles, valid=device_array(np.zeros(obstacles.valid.shape, bool)), static=device_array(np.zeros(1, bool))
+    )
+    return replace(scenario, obstacles=nobody)
 
 
 def _padded(leaves: Mapping[str, np.ndarray], sizes: Mapping[str, int]) -> dict[str, np.ndarray]:

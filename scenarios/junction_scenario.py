@@ -47,6 +47,8 @@ NEARBY = 88
 """Most road edge segments near one stretch of a path."""
 NEAREST_START = 3.0
 """No ego starts nearer to the junction than this [m]."""
+NOT_ARRIVED = 8.0
+"""Who does not come to the middle of the junction stays this far from it [m]."""
 EARLIEST_ARRIVAL = 2.5
 """Who would have to be in the middle of the junction earlier than this [s] comes as much later than the ego instead."""
 INSET = 1e-3
@@ -78,6 +80,8 @@ class Stream:
     """Distance between the centres of one and the next [m]."""
     follower_speed: Knots = (0.8, 1.1)
     """Of each further one, relative to the one ahead."""
+    followers_arrive: bool = True
+    """Whether the further ones may come to the middle of the junction before the record ends; if not, they are slow."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -397,7 +401,11 @@ def draw_vehicles(dice: Dice, task: JunctionTask, lines: JunctionLines, ego: Ego
                 at = jnp.minimum(middle - speed * arrives, enters - half - 1.0)
                 if stream.origin == "own":
                     at = jnp.maximum(at, ego.arc_length + spacing[index])
-            speed = jnp.minimum(speed if index == 0 else speed * noise[me], top_speed[me])
+            if index > 0:
+                speed = speed * noise[me]
+                if not stream.followers_arrive:
+                    speed = jnp.minimum(speed, (middle - NOT_ARRIVED - at) / (jf.DT * task.steps))
+            speed = jnp.clip(speed, 0.0, top_speed[me])
             place.append(at)
             speeds.append(speed)
             origins.append(origin)

@@ -126,6 +126,7 @@ COMMONROAD = TJunctionConfig(
             speed=(3.09, 4.61, 5.15, 5.45, 5.93, 6.2, 7.41, 8.83, 15.65),
             spacing=(8.0,),
             follower_speed=(0.06, 0.19, 0.27, 0.34, 0.4, 0.48, 0.59, 0.68, 0.96),
+            followers_arrive=False,
         ),
         Stream(
             "exit",
@@ -135,6 +136,7 @@ COMMONROAD = TJunctionConfig(
             distance=(35.5, 35.7, 36.1, 36.7, 40.2, 43.4, 48.6, 58.9, 89.8),
             spacing=(8.0,),
             follower_speed=(0.22, 0.36, 0.42, 0.48, 0.52, 0.6, 0.68, 0.79, 0.89),
+            followers_arrive=False,
         ),
     ),
 )
