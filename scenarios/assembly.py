@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import jaxfrenet as jf
 from jaxfrenet._pytree import pytree_dataclass
 from jaxfrenet._typing import Array, Float, Int
+from jaxfrenet.collision import Box
 from jaxfrenet.road import BIN_LENGTH, CORRIDOR, REACH
 from scenarios.lines import Line, look_up
 
@@ -106,6 +107,12 @@ def start_of(heading: Array, speed: Array, curvature: Array) -> jf.InitialState:
     return jf.InitialState(
         position=jnp.zeros(2), heading=heading, speed=speed, acceleration=jnp.zeros(()), yaw_rate=speed * curvature
     )
+
+
+def ego_box(heading: Array) -> Box:
+    """The ego's box at its start."""
+    size = jnp.float32(jf.BMW_320I.length), jnp.float32(jf.BMW_320I.width)
+    return Box.from_heading(jnp.zeros(()), jnp.zeros(()), heading, *size)
 
 
 def ring_edges(ring: Float[Array, "corners 2"]) -> Float[Array, "corners 2 2"]:

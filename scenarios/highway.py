@@ -14,34 +14,30 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxfrenet as jf
-from jaxfrenet._pytree import pytree_dataclass
-from jaxfrenet._typing import Array, Float, Int
-from jaxfrenet.collision import Box
-from scenarios.assembly import World, assemble, goal_interval, path_capacity, start_of
+from jaxfrenet._typing import Array
+from scenarios.assembly import World, assemble, ego_box, goal_interval, path_capacity, start_of
 from scenarios.distributions import Dice, Knots, check_knots, check_number
 from scenarios.errors import ScenarioError
-from scenarios.lanelet_map import LaneletLinks, LaneletMap
-from scenarios.lines import Line, integrated, joined, look_up, moved, moved_points, offset_by, smooth_step
+from scenarios.highway_road import (
+    GOAL_LANELET,
+    LEFT_LANE,
+    LINKS,
+    RAMP_LANE,
+    RIGHT_LANE,
+    Highway,
+    Way,
+    borders,
+    highway,
+    lanelet_borders,
+    lanes_of,
+    line_of,
+    road_ring,
+)
+from scenarios.lanelet_map import LaneletMap
+from scenarios.lines import Line, look_up, moved, moved_points
 from scenarios.traffic import Agents, Relations, as_obstacles, drive
 from scenarios.vehicle_types import CAR, MOTORCYCLE, TRUCK, VehicleType, draw_types
 
-SECTION_NODES = 49
-"""Nodes of the road in each of its three sections: before, beside and behind the acceleration lane."""
-CORNER_EVERY = 3
-"""One of so many nodes is a corner of lanelets and of the road's edge."""
-RAMP_LANE, RIGHT_LANE, LEFT_LANE = 0, 1, 2
-LINKS = (
-    LaneletLinks((3,)),
-    LaneletLinks((4,), left=2, left_same_direction=True),
-    LaneletLinks((5,), right=1),
-    LaneletLinks((), left=4, left_same_direction=True),
-    LaneletLinks((6,), left=5, left_same_direction=True, right=3),
-    LaneletLinks((7,), right=4),
-    LaneletLinks((), left=7, left_same_direction=True),
-    LaneletLinks((), right=6),
-)
-"""Ramp, right and left lane before the entry; acceleration lane, right and left lane beside it; both lanes behind."""
-GOAL_LANELET = 6
 MAX_VEHICLES = 8
 NEARBY = 32
 """Most road edge segments near one stretch of a path."""
@@ -144,18 +140,6 @@ class HighwayConfig:
         return path_capacity(ahead, self.exit[-1] + 5.0, max(fastest, slowest))
 
 
-@pytree_dataclass
-class Way:
-    """A drive along the road in one lane, or from one to another; any leading axes."""
-
-    first: Int[Array, "*ways"]
-    """Lane at the start."""
-    last: Int[Array, "*ways"]
-    """Lane at the end, at most one apart."""
-    change: Float[Array, "*ways 2"]
-    """m, arc lengths of the road between which the lane changes."""
-
-
 def sample(key: Array, config: HighwayConfig) -> jf.Scenario:
     """Draw a scenario; pure, works under `jit` (config static) and `vmap` (over keys).
 
@@ -171,118 +155,53 @@ def sample_with_map(key: Array, config: HighwayConfig) -> tuple[jf.Scenario, Lan
     dice = Dice(key, DICE)
     width, side = dice.draw(config.lane_width), dice.draw(config.ramp_offset)
     lengths = jnp.stack([dice.draw(config.approach), dice.draw(config.acceleration_lane), dice.draw(config.exit)])
-    road = _road(lengths, dice.draw(config.bend, (2,)))
-    begin, end = lengths[0], lengths[0] + lengths[1]
+    road = highway(lengths, dice.draw(config.bend, (2,)), width, side)
     merges, speed = dice.uniform() < config.merging, dice.draw(config.start_speed)
-    merge_length = jnp.maximum(30.0, 3.0 * speed)
+    start = road.begin - dice.draw(config.start_distance)
     way = Way(
         first=jnp.where(merges, RAMP_LANE, RIGHT_LANE).astype(jnp.int32),
         last=jnp.int32(RIGHT_LANE),
-        change=jnp.stack([begin, begin + merge_length]),
+        change=jnp.stack([road.begin, road.begin + lane_change_length(speed)]),
     )
-    start = begin - dice.draw(config.start_distance)
-    route = _line(road, way, begin, width, side)
-    ego_arc = jnp.interp(start, road.arc_length, route.arc_length)
-    agents, relations = _traffic(dice, config, road, begin, end, width, side, start, speed, merges)
+    route, places = line_of(road, way), road.edge.arc_length
+    ego_arc = jnp.interp(start, places, route.arc_length)
+    agents, relations = _traffic(dice, config, road, start, speed, merges)
     positions, speeds = drive(agents, relations, config.steps, slow_in_curves=False)
 
     at = look_up(route, ego_arc)
     heading = dice.draw((-np.pi, np.pi))
     frame = jnp.stack([at.x, at.y]), heading - at.heading
-    corners = _corners(road, begin, width, side)
-    lanelets = [(moved_points(left, *frame), moved_points(right, *frame)) for left, right in _lanelets(corners)]
-    goal_arc = jnp.interp(jnp.stack([end, road.arc_length[-1]]), road.arc_length, route.arc_length)
-    goal_steps, _ = goal_interval(
-        0.5 * jnp.sum(goal_arc) - ego_arc, speed * dice.draw(config.pace), config.goal_window, config.steps
-    )
-    left, right = lanelets[GOAL_LANELET]
-    ego = Box.from_heading(
-        jnp.zeros(()), jnp.zeros(()), heading, jnp.float32(jf.BMW_320I.length), jnp.float32(jf.BMW_320I.width)
-    )
+    corners = tuple(moved_points(border, *frame) for border in borders(road))
+    left, right = (tuple(side) for side in zip(*lanelet_borders(corners), strict=True))
+    goal_arc = jnp.interp(jnp.stack([road.end, places[-1]]), places, route.arc_length)
+    pace = speed * dice.draw(config.pace)
+    goal_steps, _ = goal_interval(0.5 * jnp.sum(goal_arc) - ego_arc, pace, config.goal_window, config.steps)
     world = World(
         route=moved(route, *frame),
         ego_arc_length=ego_arc,
         goal_arc_length=goal_arc,
-        goal_ring=jnp.concatenate([right, left[::-1]]),
+        goal_ring=jnp.concatenate([right[GOAL_LANELET], left[GOAL_LANELET][::-1]]),
         goal_steps=goal_steps,
         goal_speed=jnp.stack([speed - 10.0, speed + 10.0]),
-        road_ring=moved_points(_ring(corners), *frame),
-        obstacles=as_obstacles(replace(agents, line=moved(agents.line, *frame)), positions, speeds, ego),
+        road_ring=road_ring(corners),
+        obstacles=as_obstacles(replace(agents, line=moved(agents.line, *frame)), positions, speeds, ego_box(heading)),
         initial_state=start_of(heading, speed, at.curvature),
-    )
-    lanelet_map = LaneletMap(
-        left=tuple(one for one, _ in lanelets),
-        right=tuple(one for _, one in lanelets),
-        is_goal=jnp.arange(len(LINKS)) == GOAL_LANELET,
     )
 
     def lanes(along: Array) -> jf.Lanes:
-        return _lanes(jnp.interp(along, route.arc_length, road.arc_length), way, merges, begin, end, width, side)
+        return lanes_of(road, way, jnp.interp(along, route.arc_length, places))
 
-    return assemble(world, lanes, config.path_nodes, NEARBY), lanelet_map
-
-
-def _road(lengths: Array, bend: Array) -> Line:
-    """The right edge of the right lane: bent before and behind the entry, straight beside the acceleration lane."""
-    share = jnp.linspace(0.0, 1.0, SECTION_NODES)
-    angles = jnp.stack([bend[0], jnp.zeros(()), bend[1]])
-    before = jnp.concatenate([jnp.zeros(1), jnp.cumsum(angles)])
-    _, slope, second = smooth_step(share)
-    start, parts = jnp.zeros(2), []
-    for index in range(3):
-        length, angle = lengths[index], angles[index]
-        heading = partial(_bent, length=length, angle=angle, before=before[index])
-        parts.append(integrated(start, share * length, heading, angle / length * slope, angle / length**2 * second))
-        start = parts[-1].points[-1]
-    return joined(*parts)
+    is_goal = jnp.arange(len(LINKS)) == GOAL_LANELET
+    return assemble(world, lanes, config.path_nodes, NEARBY), LaneletMap(left=left, right=right, is_goal=is_goal)
 
 
-def _bent(along: Array, length: Array, angle: Array, before: Array) -> Array:
-    """Heading [rad] along a section that turns by an angle."""
-    return before + angle * smooth_step(along / length)[0]
-
-
-def _ramp(place: Array, begin: Array, width: Array, side: Array) -> list[Array]:
-    """Offset of the ramp's middle from the road's right edge [m] at places on the road [m], and its two derivatives."""
-    step, slope, second = smooth_step(place / begin)
-    return [side * (step - 1.0) - 0.5 * width, side * slope / begin, side * second / begin**2]
-
-
-def _offset(place: Array, way: Way, begin: Array, width: Array, side: Array) -> list[Array]:
-    """Offset of one way from the road's right edge [m] at places on the road [m], and its two derivatives."""
-    ramp, zero = _ramp(place, begin, width, side), jnp.zeros_like(place)
-
-    def lane(index: Array) -> list[Array]:
-        own = [(index.astype(jnp.float32) - 0.5) * width + zero, zero, zero]
-        return [jnp.where(index == RAMP_LANE, ramp[i], own[i]) for i in range(3)]
-
-    (d0, v0, a0), (d1, v1, a1) = lane(way.first), lane(way.last)
-    length = way.change[1] - way.change[0]
-    step, slope, second = smooth_step((place - way.change[0]) / length)
-    slope, second = slope / length, second / length**2
-    return [
-        d0 + step * (d1 - d0),
-        v0 + step * (v1 - v0) + slope * (d1 - d0),
-        a0 + step * (a1 - a0) + 2.0 * slope * (v1 - v0) + second * (d1 - d0),
-    ]
-
-
-def _line(road: Line, way: Way, begin: Array, width: Array, side: Array) -> Line:
-    """The line of one way."""
-    return offset_by(road, *_offset(road.arc_length, way, begin, width, side))
+def lane_change_length(speed: Array) -> Array:
+    """Length [m] of a lane change at a speed [m/s], as the importer has it."""
+    return jnp.maximum(30.0, 3.0 * speed)
 
 
 def _traffic(
-    dice: Dice,
-    config: HighwayConfig,
-    road: Line,
-    begin: Array,
-    end: Array,
-    width: Array,
-    side: Array,
-    start: Array,
-    ego_speed: Array,
-    merges: Array,
+    dice: Dice, config: HighwayConfig, road: Highway, start: Array, ego_speed: Array, merges: Array
 ) -> tuple[Agents, Relations]:
     """Vehicles at step 0, one after the other in their lanes, and how their ways lie to each other.
 
@@ -302,22 +221,24 @@ def _traffic(
     behind = jnp.cumsum(jnp.where(in_right, room, 0.0))
     ahead = jnp.cumsum(jnp.where(in_right, 0.0, room))
     longest = jnp.sum(jnp.where(in_right, room, 0.0))
-    gained = (ego_speed - speed) * (begin - start) / ego_speed
+    gained = (ego_speed - speed) * (road.begin - start) / ego_speed
     around = start + gained + 0.5 * longest - behind
     in_front = start + 8.0 + behind
     beside = start - 10.0 + ahead
     at = jnp.where(in_right, jnp.where(merges, around, in_front), beside)
-    change = begin + dice.uniform((count,)) * (end - begin - 3.0 * speed - 5.0)
+    beside_lane = road.end - road.begin
+    change_length = jnp.minimum(lane_change_length(speed), 0.9 * beside_lane)
+    change = road.begin + dice.uniform((count,)) * (beside_lane - change_length)
     cuts_in = (cuts_in | (lane == RAMP_LANE)) & ~in_right
     way = Way(
         first=lane,
         last=jnp.where(cuts_in, RIGHT_LANE, lane).astype(jnp.int32),
-        change=jnp.stack([change, change + jnp.maximum(30.0, 3.0 * speed)], axis=-1),
+        change=jnp.stack([change, change + change_length], axis=-1),
     )
-    line = jax.vmap(lambda one: _line(road, one, begin, width, side))(way)
+    line, places = jax.vmap(partial(line_of, road))(way), road.edge.arc_length
     agents = Agents(
         line=line,
-        arc_length=jax.vmap(lambda nodes, place: jnp.interp(place, road.arc_length, nodes))(line.arc_length, at),
+        arc_length=jax.vmap(lambda nodes, place: jnp.interp(place, places, nodes))(line.arc_length, at),
         speed=speed,
         desired_speed=speed,
         length=length,
@@ -327,10 +248,10 @@ def _traffic(
         rank=jnp.zeros(count),
         yields=jnp.zeros(count, bool),
     )
-    return agents, _relations(road, line, way)
+    return agents, _relations(places, line, way)
 
 
-def _relations(road: Line, line: Line, way: Way) -> Relations:
+def _relations(places: Array, line: Line, way: Way) -> Relations:
     """Each is in the way of the others where both are in one lane, on their way between lanes in both."""
 
     def intervals(lane: int) -> Array:
@@ -350,7 +271,7 @@ def _relations(road: Line, line: Line, way: Way) -> Relations:
 
     def on_line(nodes: Array, place: Array) -> Array:
         """The road's arc lengths `[others]` as arc lengths of one line; infinite ones stay so."""
-        return jnp.where(jnp.isfinite(place), jnp.interp(place, road.arc_length, nodes), place)
+        return jnp.where(jnp.isfinite(place), jnp.interp(place, places, nodes), place)
 
     meeting = jnp.where(jnp.isfinite(low), low, jnp.where(jnp.isfinite(high), high, 0.0))
     own = jax.vmap(on_line)(line.arc_length, meeting)
@@ -360,71 +281,6 @@ def _relations(road: Line, line: Line, way: Way) -> Relations:
         shift=own - theirs,
         shared=shared,
         meets=jnp.broadcast_to(jnp.asarray([jnp.inf, -jnp.inf]), (*low.shape, 2)),
-    )
-
-
-def _lanes(place: Array, way: Way, merges: Array, begin: Array, end: Array, width: Array, side: Array) -> jf.Lanes:
-    """The ego's lane and its neighbours, each `[nodes, 3]`, at places on the road `[nodes]`, m."""
-    offset = _offset(place, way, begin, width, side)[0]
-    ramp, slope, _ = _ramp(place, begin, width, side)
-    beside = (place >= begin) & (place < end)
-    on_ramp = merges & ((place < begin) | (beside & (offset < 0.0)))
-    own = jnp.where(on_ramp, ramp, 0.5 * width)
-    left, right = jnp.where(on_ramp, 0.5 * width, 1.5 * width), jnp.full_like(own, -0.5 * width)
-    exists = jnp.stack([place > -jnp.inf, ~on_ramp | beside, beside & ~on_ramp], axis=-1)
-    center = jnp.stack([own, left, right], axis=-1) - offset[:, None]
-    narrower = jnp.where(on_ramp, 1.0 / jnp.sqrt(1.0 + slope**2), 1.0)[:, None]
-    widths = width * jnp.where(jnp.arange(3) == 0, narrower, 1.0)
-    return jf.Lanes(
-        center=jnp.where(exists, center, 0.0),
-        width=jnp.where(exists, widths, 0.0),
-        direction=exists.astype(jnp.int32),
-    )
-
-
-def _corners(road: Line, begin: Array, width: Array, side: Array) -> tuple[Array, ...]:
-    """Borders along the whole road `[corners, 2]`, m: ramp right, ramp left, and those of the two lanes."""
-    ramp = _ramp(road.arc_length, begin, width, side)[0]
-    offsets = (ramp - 0.5 * width, ramp + 0.5 * width, 0.0, width, 2.0 * width)
-    return tuple(road.beside(offset)[::CORNER_EVERY] for offset in offsets)
-
-
-def _sections() -> tuple[slice, slice, slice]:
-    count = (SECTION_NODES - 1) // CORNER_EVERY
-    return slice(0, count + 1), slice(count, 2 * count + 1), slice(2 * count, 3 * count + 1)
-
-
-def _lanelets(corners: tuple[Array, ...]) -> list[tuple[Array, Array]]:
-    """Left and right border of each lanelet, in the order of `LINKS`."""
-    ramp_right, ramp_left, right, middle, left = corners
-    before, beside, behind = _sections()
-    return [
-        (jnp.concatenate([ramp_left[before][:-1], right[before][-1:]]), ramp_right[before]),
-        (middle[before], right[before]),
-        (left[before], middle[before]),
-        (right[beside], ramp_right[beside]),
-        (middle[beside], right[beside]),
-        (left[beside], middle[beside]),
-        (middle[behind], right[behind]),
-        (left[behind], middle[behind]),
-    ]
-
-
-def _ring(corners: tuple[Array, ...]) -> Array:
-    """The road's edge, counter-clockwise, from the ramp's begin on."""
-    ramp_right, ramp_left, right, middle, left = corners
-    before, beside, behind = _sections()
-    return jnp.concatenate(
-        [
-            ramp_right[before],
-            ramp_right[beside][1:],
-            right[behind],
-            middle[-1:],
-            left[::-1],
-            middle[:1],
-            right[before],
-            ramp_left[before][-2::-1],
-        ]
     )
 
 

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 
 from jaxfrenet._pytree import pytree_dataclass
 from jaxfrenet._typing import Array, Float
+from scenarios.lanelet_map import LaneletLinks
 from scenarios.lines import Line, integrated, joined, parallel, reversed_line
 
 ARM_NODES = 49
@@ -24,6 +25,8 @@ RAMP = 0.3
 """Share of a turn on which curvature rises, and on which it falls again."""
 LARGEST_RADIUS = 3.0
 """Turn radius over lane width beyond which the lanes no longer cover the middle of the junction."""
+INSET = 1e-3
+"""Lanelets inside the junction keep this far [m] from the road's edge, which their borders would else follow."""
 STRAIGHT = 0.7
 """Turns by less than this [rad] lead straight on."""
 
@@ -174,3 +177,34 @@ def curve_borders(lines: JunctionLines, first: int, second: int, lane_width: Arr
         jnp.concatenate([start[:1], border[1:-1], end[:1]])
         for border, start, end in zip(borders, starts[::-1], ends, strict=True)
     )
+
+
+def lanelet_links(arms: int) -> tuple[LaneletLinks, ...]:
+    """How the lanelets of a junction hang together: inwards and outwards per arm, then one per pair of arms."""
+    pairs = _pairs(arms)
+    through = {pair: 2 * arms + index for index, pair in enumerate(pairs)}
+    links = []
+    for arm in range(arms):
+        into = tuple(through[pair] for pair in pairs if pair[0] == arm)
+        links += [LaneletLinks(into, left=2 * arm + 1), LaneletLinks((), left=2 * arm)]
+    return (*links, *(LaneletLinks((2 * second + 1,), left=through[second, first]) for first, second in pairs))
+
+
+def _pairs(arms: int) -> list[tuple[int, int]]:
+    return [(first, second) for first in range(arms) for second in range(arms) if first != second]
+
+
+def lanelet_borders(lines: JunctionLines, lane_width: Array) -> list[tuple[Array, Array]]:
+    """Left and right border `[corners, 2]`, m, of each lanelet, in the order of `lanelet_links`."""
+    arms = lines.arms.x.shape[0]
+    borders = []
+    for arm in range(arms):
+        left, middle, right = arm_borders(lines, arm, lane_width)
+        borders += [(middle[::-1], left[::-1]), (middle, right)]
+    for first, second in _pairs(arms):
+        _, middle, right = curve_borders(lines, first, second, lane_width)
+        if second != (first + 1) % arms:
+            inner = curve_borders(lines, first, second, lane_width - INSET)[2]
+            right = jnp.concatenate([right[:1], inner[1:-1], right[-1:]])
+        borders.append((middle, right))
+    return borders

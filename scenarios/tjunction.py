@@ -14,7 +14,9 @@ import jaxfrenet as jf
 from jaxfrenet._typing import Array
 from scenarios.distributions import Dice, Knots, check_knots, check_number
 from scenarios.errors import ScenarioError
-from scenarios.junction_scenario import JunctionTask, Stream, draw_scenario, lanelet_links, role_table
+from scenarios.junction import lanelet_links
+from scenarios.junction_scenario import draw_scenario, role_table
+from scenarios.junction_task import JunctionTask, Stream
 from scenarios.lanelet_map import LaneletMap
 from scenarios.vehicle_types import MIXED, VehicleType
 

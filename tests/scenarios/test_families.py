@@ -16,7 +16,7 @@ import jaxfrenet as jf
 from scenarios import families
 from scenarios.errors import ScenarioError
 from scenarios.families import FAMILIES, Draw
-from scenarios.junction_scenario import LONGEST_CURVE, Stream
+from scenarios.junction_task import LONGEST_CURVE, Stream
 from scenarios.road import nearby_segments
 from scenarios.tjunction import TJunctionConfig, sample
 from scenarios.vehicle_types import CAR
@@ -226,6 +226,7 @@ def test_the_ego_reaches_every_goal_on_an_empty_road() -> None:
         ({"streams": (Stream("own", "own"),)}, "stream from own to own: give two different ones"),
         ({"streams": (Stream("own", vehicles=0),)}, "stream from own has 0 vehicles: give at least 1"),
         ({"vehicle_types": ()}, "vehicle_types is empty"),
+        ({"streams": ()}, "streams is empty: name at least one, and density=0.0"),
         ({"turns": (0.0, 0.0, 0.0)}, "turns is (0.0, 0.0, 0.0)"),
         ({"goal_steps": (140, 200)}, "goal_steps is (140, 200): give two steps within 1 … 147"),
         ({"goal_in_junction": "at start speed"}, "goal_steps is None: give both"),
