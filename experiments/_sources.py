@@ -70,7 +70,8 @@ def _from_source(options: SourceOptions) -> scenarios.ScenarioSet:
         if options.planning_problem is not None:
             wanted = f"--planning-problem {options.planning_problem}"
             raise UserError(f"{wanted}: generated scenarios have but one; leave it out, or name --scenarios")
-        return generate(options.draw())
+        with tqdm(desc="generating", unit=" scenarios", delay=5.0) as bar:
+            return generate(options.draw(), _reporter(bar))
     for name in GENERATOR_FIELDS:
         if getattr(options, name) != getattr(GeneratorOptions, name):
             flag = f"--{name.replace('_', '-')}"

@@ -16,6 +16,7 @@ from scenarios.buckets import Bucket, make_buckets
 from scenarios.cache import load_cached
 from scenarios.collection import ScenarioSet
 from scenarios.errors import ScenarioError
+from scenarios.families import Draw, generate
 from scenarios.sharing import share_equal
 
 
@@ -43,6 +44,15 @@ class Dataset(ScenarioSet):
     def from_set(cls, found: ScenarioSet) -> Dataset:
         """Scenarios that were loaded or generated before."""
         return cls(share_equal(found.scenarios), found.infos, found.skipped)
+
+    @classmethod
+    def from_generator(cls, draw: Draw) -> Dataset:
+        """Generated scenarios; see `scenarios.families`.
+
+        Raises:
+          ScenarioError: there is nothing to draw, see `Draw.checked`.
+        """
+        return cls.from_set(generate(draw))
 
     def split(self, seed: int = 0, shares: Sequence[float] = (0.75, 0.15, 0.10)) -> Splits:
         """Divide at random into training, validation and test.

@@ -20,6 +20,7 @@ from scenarios.commonroad import ScenarioInfo
 from scenarios.errors import ScenarioError
 from scenarios.export import PROBLEM_ID, commonroad_document
 from scenarios.lanelet_map import LaneletLinks, LaneletMap
+from scenarios.sharing import share_equal
 
 CHUNK = 64
 """Scenarios that are drawn at once, also where fewer are asked for: one program for every count."""
@@ -112,8 +113,12 @@ def chunks(draw: Draw) -> Iterator[tuple[range, jf.Scenario, LaneletMap]]:
         yield range(first, min(first + CHUNK, draw.count)), *batch
 
 
-def generate(draw: Draw) -> ScenarioSet:
+def generate(draw: Draw, progress: Callable[[int, int], None] | None = None) -> ScenarioSet:
     """Draw scenarios as a set like one that was read from files.
+
+    Args:
+      draw: which ones.
+      progress: called with the number of scenarios drawn and of all.
 
     Raises:
       ScenarioError: there is nothing to draw, see `Draw.checked`.
@@ -124,7 +129,9 @@ def generate(draw: Draw) -> ScenarioSet:
             scenario = jax.tree.map(lambda leaf, row=row: leaf[row], batch)
             found.append(scenario)
             infos.append(_info(draw.name(number), scenario))
-    return ScenarioSet(tuple(found), tuple(infos))
+        if progress is not None:
+            progress(len(found), draw.count)
+    return ScenarioSet(share_equal(found), tuple(infos))
 
 
 def documents(draw: Draw) -> Iterator[tuple[str, bytes]]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from scenarios.collection import ScenarioSet
 from scenarios.command_line import prepare_folder, run_command
 from scenarios.families import Draw, documents, generate
 from scenarios.files import written_whole
@@ -37,11 +38,22 @@ def write_generated(options: GenerateOptions) -> None:
     folder = prepare_folder(options.out)
     if options.format == "npz":
         target = folder / f"{draw.family}-{draw.preset}-{draw.seed}.npz"
-        save_npz(target, generate(draw))
+        save_npz(target, _generated(draw))
     else:
         target = folder
         _write_documents(draw, folder)
     print(f"{draw.count} scenarios written to {target}")
+
+
+def _generated(draw: Draw) -> ScenarioSet:
+    from tqdm import tqdm
+
+    with tqdm(desc="generating", total=draw.count, unit=" scenarios", delay=5.0) as bar:
+
+        def report(done: int, total: int) -> None:
+            bar.update(done - bar.n)
+
+        return generate(draw, report)
 
 
 def _write_documents(draw: Draw, folder: Path) -> None:

@@ -9,12 +9,13 @@ import jax
 import numpy as np
 
 import jaxfrenet as jf
+from scenarios.batching import device_array
 
 Identity = tuple[tuple[int, ...], str, bytes]
 """Shape, dtype and bytes."""
 
 
-def identity(array: np.ndarray | jax.Array) -> Identity:
+def identity(array: np.ndarray | np.generic | jax.Array) -> Identity:
     """What two arrays have in common exactly if one can stand for the other."""
     values = np.asarray(array)
     return values.shape, values.dtype.str, values.tobytes()
@@ -29,10 +30,13 @@ def distinct(arrays: Sequence[np.ndarray]) -> tuple[list[np.ndarray], list[int]]
 
 
 def share_equal(scenarios: Sequence[jf.Scenario]) -> tuple[jf.Scenario, ...]:
-    """The same scenarios; a leaf that has the same shape, dtype and bytes in several is one and the same array."""
+    """The same scenarios on the default device; leaves of equal shape, dtype and bytes are one and the same array."""
     known: dict[tuple[Any, Identity], jax.Array] = {}
 
-    def shared(path: Any, leaf: jax.Array) -> jax.Array:
-        return known.setdefault((path, identity(leaf)), leaf)
+    def shared(path: Any, leaf: np.ndarray | np.generic | jax.Array) -> jax.Array:
+        key = path, identity(leaf)
+        if key not in known:
+            known[key] = device_array(leaf)
+        return known[key]
 
     return tuple(jax.tree_util.tree_map_with_path(shared, scenario) for scenario in scenarios)

@@ -11,7 +11,7 @@ import pytest
 
 import jaxfrenet as jf
 import scenarios
-from scenarios import Dataset, ScenarioSet
+from scenarios import Dataset, Draw, ScenarioSet
 from scenarios.batching import leaves_of, rounded_up, scenario_of
 from scenarios.buckets import bytes_per_element, group_by_size
 from scenarios.collection import scenario_files
@@ -193,3 +193,14 @@ def test_real_files(data_root):
     assert sorted(index for bucket in buckets for index in bucket.indices) == list(range(len(dataset)))
     assert 1 < len(buckets) < len(dataset) / 2
     assert sum(nbytes(bucket.scenario) for bucket in buckets) < 0.6 * nbytes(dataset.stacked())
+
+
+def test_generated_scenarios_are_a_dataset_like_any_other():
+    data = Dataset.from_generator(Draw(12, 7))
+    assert len(data) == 12
+    parts = data.split(seed=1)
+    assert sum(len(part) for part in parts) == 12
+    more = Dataset.from_generator(Draw(20, 7)).split(seed=1)
+    for part, larger in zip(parts, more, strict=True):
+        assert {info.name for info in part.infos} <= {info.name for info in larger.infos}
+    assert data.stacked().path.x.shape[0] == 12
