@@ -5,24 +5,20 @@
 
 from __future__ import annotations
 
-import tempfile
-import warnings
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jaxfrenet import DT
+from scenarios.document import document
 from scenarios.files import written_whole
 from scenarios.polyline import Points, at_arc_lengths
 
 LANE_WIDTH = 3.5
 GOAL_STEPS = (110, 120)
 CAR_LENGTH, CAR_WIDTH = 4.6, 1.9
-DATE = "2025-01-01"
-"""Written into the files in place of today, so that they can be reproduced."""
 
 Line = NDArray[np.float64]
 """`[points, 3]`, x, y [m] and heading [rad]: bounds of lanelets that follow each other meet exactly."""
@@ -40,7 +36,7 @@ def write_builtin(folder: str | Path) -> tuple[Path, ...]:
         name = f"ZAM_Builtin-1_{number}_T-1"
         paths.append(Path(folder) / f"{name}.xml")
         with written_whole(paths[-1]) as file:
-            file.write(_document(name, *draw()))
+            file.write(document(name, *draw(), source="hand-made", tag="urban"))
     return tuple(paths)
 
 
@@ -199,29 +195,3 @@ def _problem(
     region = ShapeGroup([lanelet.polygon for lanelet in lanelets if lanelet.lanelet_id in goal])
     wanted = CustomState(time_step=Interval(*GOAL_STEPS), position=region, velocity=Interval(*speeds))
     return PlanningProblem(100, initial, GoalRegion([wanted], {0: goal}))
-
-
-def _document(name: str, lanelets: list[Any], cars: list[Any], problem: Any) -> bytes:
-    """The scenario as a CommonRoad file without white space."""
-    from commonroad.common.file_writer import CommonRoadFileWriter
-    from commonroad.common.writer.file_writer_interface import OverwriteExistingFile
-    from commonroad.planning.planning_problem import PlanningProblemSet
-    from commonroad.scenario.lanelet import LaneletNetwork
-    from commonroad.scenario.scenario import Location, Scenario, ScenarioID, Tag
-
-    scenario = Scenario(DT, ScenarioID.from_benchmark_id(name, "2020a"))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        scenario.add_objects(LaneletNetwork.create_from_lanelet_list(lanelets))
-        scenario.add_objects(cars)
-        writer = CommonRoadFileWriter(
-            scenario, PlanningProblemSet([problem]), "jaxfrenet", "", "hand-made", {Tag.URBAN}, Location()
-        )
-        with tempfile.TemporaryDirectory() as folder:
-            file = str(Path(folder) / "scenario.xml")
-            writer.write_to_file(file, OverwriteExistingFile.ALWAYS)
-            tree = ElementTree.parse(file).getroot()
-    tree.set("date", DATE)
-    for node in tree.iter():
-        node.text, node.tail = (node.text or "").strip() or None, None
-    return ElementTree.tostring(tree, encoding="utf-8", xml_declaration=True)

@@ -9,8 +9,7 @@ import numpy as np
 
 import jaxfrenet as jf
 from jaxfrenet._typing import Array
-from scenarios.distributions import Dice, Knots, check_knots
-from scenarios.errors import ScenarioError
+from scenarios.distributions import Dice, Knots, check_knots, check_shares
 from scenarios.junction import lanelet_links
 from scenarios.junction_scenario import draw_scenario, role_table
 from scenarios.junction_task import JunctionTask, Stream
@@ -52,10 +51,7 @@ class CrossingConfig(JunctionTask):
           ScenarioError: a value is impossible.
         """
         super().__post_init__()
-        if len(self.turns) != 3 or min(self.turns) < 0.0 or sum(self.turns) <= 0.0:
-            raise ScenarioError(
-                f"turns is {self.turns}: give three shares ≥ 0, of left turns, right turns, straight on"
-            )
+        check_shares("turns", self.turns, "left turns, right turns, going straight")
         check_knots("skew", self.skew, -0.2, 0.2)
 
 

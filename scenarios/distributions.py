@@ -75,6 +75,16 @@ def check_knots(name: str, knots: object, low: float | int, high: float | int) -
         raise ScenarioError(f"{name} is {knots!r}, which decreases: {wanted}")
 
 
+def check_shares(name: str, shares: tuple[float | int, ...], titles: str) -> None:
+    """Refuse shares that are no distribution over three things.
+
+    Raises:
+      ScenarioError: there are not three, one is negative, or all are 0.
+    """
+    if len(shares) != 3 or not min(shares) >= 0.0 or not 0.0 < sum(shares) < math.inf:
+        raise ScenarioError(f"{name} is {shares}: give three shares ≥ 0, of {titles}")
+
+
 def check_number(name: str, value: object, low: float | int, high: float | int) -> None:
     """Refuse a number outside `low` … `high`.
 

@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import tempfile
-import warnings
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 
 import jaxfrenet as jf
+from scenarios.document import document
 from scenarios.errors import ScenarioError
 from scenarios.lanelet_map import LaneletLinks, LaneletMap
 
 DECIMALS = 7
 """Digits after the point: more than float32 coordinates have."""
-DATE = "2025-01-01"
-"""Written into the files in place of today, so that one seed gives one file."""
 PROBLEM_ID = 100000
 FIRST_OBSTACLE_ID = 1000
 TYPES = {
@@ -46,31 +41,13 @@ def commonroad_document(
     Raises:
       ScenarioError: commonroad-io is not installed.
     """
+    about = {"source": "generated", "tag": "simulated", "decimals": DECIMALS}
     try:
-        from commonroad.common.file_writer import CommonRoadFileWriter
-        from commonroad.common.writer.file_writer_interface import OverwriteExistingFile
-        from commonroad.planning.planning_problem import PlanningProblemSet
-        from commonroad.scenario.lanelet import LaneletNetwork
-        from commonroad.scenario.scenario import Location, Scenario, ScenarioID, Tag
+        lanelets = [_lanelet(index, lanelet_map, links) for index in range(len(links))]
+        obstacles, problem = _obstacles(scenario.obstacles), _problem(scenario, lanelet_map, lanelets)
+        return document(benchmark_id, lanelets, obstacles, problem, **about)
     except ImportError:
         raise ScenarioError("writing CommonRoad files needs commonroad-io; install jaxfrenet[commonroad]") from None
-    lanelets = [_lanelet(index, lanelet_map, links) for index in range(len(links))]
-    document = Scenario(jf.DT, ScenarioID.from_benchmark_id(benchmark_id, "2020a"))
-    with warnings.catch_warnings(), tempfile.TemporaryDirectory() as folder:
-        warnings.simplefilter("ignore")
-        document.add_objects(LaneletNetwork.create_from_lanelet_list(lanelets))
-        document.add_objects(_obstacles(scenario.obstacles))
-        problems = PlanningProblemSet([_problem(scenario, lanelet_map, lanelets)])
-        writer = CommonRoadFileWriter(
-            document, problems, "jaxfrenet", "", "generated", {Tag.SIMULATED}, Location(), decimal_precision=DECIMALS
-        )
-        file = Path(folder) / "scenario.xml"
-        writer.write_to_file(str(file), OverwriteExistingFile.ALWAYS)
-        tree = ElementTree.parse(file).getroot()
-    tree.set("date", DATE)
-    for node in tree.iter():
-        node.text, node.tail = (node.text or "").strip() or None, None
-    return ElementTree.tostring(tree, encoding="utf-8", xml_declaration=True)
 
 
 def _lanelet(index: int, lanelet_map: LaneletMap, links: Sequence[LaneletLinks]) -> Any:

@@ -12,7 +12,7 @@ import numpy as np
 
 import jaxfrenet as jf
 from jaxfrenet._typing import Array
-from scenarios.distributions import Dice, Knots, check_knots, check_number
+from scenarios.distributions import Dice, Knots, check_knots, check_number, check_shares
 from scenarios.errors import ScenarioError
 from scenarios.junction import lanelet_links
 from scenarios.junction_scenario import draw_scenario, role_table
@@ -60,10 +60,7 @@ class TJunctionConfig(JunctionTask):
           ScenarioError: a value is impossible.
         """
         super().__post_init__()
-        if len(self.turns) != 3 or min(self.turns) < 0.0 or sum(self.turns) <= 0.0:
-            raise ScenarioError(
-                f"turns is {self.turns}: give three shares ≥ 0, of left turns, right turns, straight on"
-            )
+        check_shares("turns", self.turns, "left turns, right turns, going straight")
         check_number("from_stem", self.from_stem, 0.0, 1.0)
         check_knots("skew", self.skew, -0.35, 0.35)
         check_knots("kink", self.kink, -0.2, 0.2)
