@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib
+
 import jax
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from scenarios.commonroad import from_bytes
 from scenarios.families import Draw
 
 pytest.importorskip("commonroad")
+CommonRoadFileWriter = importlib.import_module("commonroad.common.file_writer").CommonRoadFileWriter
 
 EXACT = ("obstacles.", "goal.", "initial_state.", "origin", "lanes.direction", "road.valid")
 TOLERANCES = {
@@ -35,6 +38,7 @@ def test_an_exported_scenario_reads_back_to_the_same_arrays(family: str) -> None
     documents = dict(families.documents(draw))
     assert list(documents) == [info.name for info in generated.infos]
     for scenario, info in zip(generated.scenarios, generated.infos, strict=True):
+        assert CommonRoadFileWriter.check_validity_of_commonroad_file(documents[info.name])
         read, read_info = from_bytes(documents[info.name], f"{info.name}.xml")
         assert read_info.benchmark_id == info.benchmark_id
         assert read_info.planning_problem_id == info.planning_problem_id
