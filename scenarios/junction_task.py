@@ -44,6 +44,8 @@ class Stream:
     """Distance between the centres of one and the next [m]."""
     follower_speed: Knots = (0.8, 1.1)
     """Of each further one, relative to the one ahead."""
+    goes_first: bool = False
+    """Whether none of them ever lets others go first."""
     followers_arrive: bool = True
     """Whether the further ones may come to the middle of the junction before the record ends; if not, they are slow."""
 
@@ -89,7 +91,7 @@ class JunctionTask:
     """What drives there."""
     separation: float = 0.0
     """Least time between the arrivals of two streams' first vehicles [s]; the one of the later stream moves."""
-    density: float = 0.7
+    density: float = 0.5
     """Difficulty: probability that a vehicle of a stream is there."""
     gap: float = 1.0
     """Difficulty: factor on arrivals and spacings; the smaller, the tighter the gaps in oncoming traffic."""

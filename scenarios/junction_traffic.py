@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 import jaxfrenet as jf
 from jaxfrenet._pytree import pytree_dataclass
@@ -27,6 +28,8 @@ NOT_ARRIVED = 8.0
 """Who does not come to the middle of the junction stays this far from it [m]."""
 EARLIEST_ARRIVAL = 2.5
 """Who would have to be in the middle of the junction earlier than this [s] comes as much later than the ego instead."""
+LEAST_SPEED = 0.75
+"""Who would have to be slower than this share of its stream's lowest speed to arrive late enough comes earlier."""
 LEAST_SPACE = 1.5
 """Between one vehicle and the next of a column [m]."""
 LOOK_OUT = 7.0
@@ -104,7 +107,8 @@ def draw_vehicles(dice: Dice, task: JunctionTask, lines: JunctionLines, ego: Ego
     kind, length, width, top_speed = draw_types(dice, task.vehicle_types, count)
     noise = jnp.exp(task.speed_spread * dice.normal((count,)))
     is_there = dice.uniform((count,)) < task.density
-    yields = dice.uniform((count,)) < task.yielding
+    may_yield = np.repeat([not stream.goes_first for stream in task.streams], [one.vehicles for one in task.streams])
+    yields = (dice.uniform((count,)) < task.yielding) & may_yield
     bodies = [Body(length[index], top_speed[index], noise[index]) for index in range(count)]
     placed: list[Placed] = []
     arrivals: list[Array] = []
@@ -160,9 +164,13 @@ def _column(
             arrivals.append(_arrival(dice, task, stream, ego, arrivals))
             arrives = jnp.maximum(ego.arrives + arrivals[-1], EARLIEST_ARRIVAL)
             room = middle - 0.5 * body.length - 1.0 - jnp.sum(spacing[1:])
-            way = first_speed * body.noise * arrives if stream.distance is None else dice.draw(stream.distance)
-            speed = jnp.minimum(jnp.minimum(way, room) / arrives, body.top_speed)
-            at = jnp.minimum(middle - speed * arrives, lines.enters[origin, destination] - 0.5 * body.length - 1.0)
+            if stream.distance is None:
+                slowest = jnp.maximum(room / arrives, LEAST_SPEED * stream.speed[0])
+                speed = jnp.minimum(jnp.minimum(first_speed * body.noise, slowest), body.top_speed)
+            else:
+                speed = jnp.minimum(jnp.minimum(dice.draw(stream.distance), room) / arrives, body.top_speed)
+            at = jnp.maximum(middle - speed * arrives, middle - room)
+            at = jnp.minimum(at, lines.enters[origin, destination] - 0.5 * body.length - 1.0)
             if stream.origin == "own":
                 at = jnp.maximum(at, ego.arc_length + spacing[index])
             earliest = jnp.float32(0.0)

@@ -30,8 +30,8 @@ DICE = 128
 """Random numbers per scenario, at least as many as are taken."""
 
 TRAFFIC = (
-    Stream("own", vehicles=1, arrival=(-6.0, -2.0), speed=(4.0, 9.0), spacing=(12.0, 25.0)),
-    Stream("own", vehicles=1, arrival="behind the ego", speed=(0.1, 0.5), spacing=(8.0, 20.0)),
+    Stream("own", vehicles=1, arrival=(-8.0, -4.0), speed=(5.0, 9.0), spacing=(15.0, 30.0), goes_first=True),
+    Stream("own", vehicles=1, arrival="behind the ego", speed=(0.1, 0.4), spacing=(10.0, 20.0)),
     Stream("other", vehicles=4, arrival=(-6.0, -2.0, 2.0, 6.0), speed=(4.0, 10.0), spacing=(10.0, 40.0)),
     Stream("exit", vehicles=2, arrival=(-6.0, -2.0, 2.0, 6.0), speed=(3.0, 7.0), spacing=(10.0, 30.0)),
 )

@@ -10,6 +10,7 @@ import pytest
 import scenarios
 from scenarios import cache as cache_module
 from scenarios.batching import leaves_of
+from scenarios.cache import user_cache
 
 
 @pytest.fixture
@@ -108,6 +109,7 @@ def test_without_a_place_for_the_cache(tmp_path, folder):
 
 
 def test_default_place(tmp_path, folder, monkeypatch):
+    monkeypatch.setattr(cache_module, "user_cache", user_cache)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "caches"))
     scenarios.load_cached([folder])
     assert len(list((tmp_path / "caches" / "jaxfrenet" / "scenarios").glob("*.npz"))) == 1
