@@ -15,11 +15,8 @@ from jaxfrenet._typing import Array, Float, Int
 from jaxfrenet.collision import Box
 from jaxfrenet.road import BIN_LENGTH, CORRIDOR, REACH
 from scenarios.lines import Line, look_up
+from scenarios.route_path import EXTENSION, SPACING
 
-SPACING = 0.25
-"""Distance between the path's nodes [m]."""
-EXTENSION = 30.0
-"""How far the path reaches beyond the ego's start and beyond the goal [m]."""
 GOAL_GRID = 0.5
 """The goal's end is looked for in steps of this [m]."""
 EARLIEST_GOAL = 40

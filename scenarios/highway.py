@@ -35,6 +35,7 @@ from scenarios.highway_road import (
 )
 from scenarios.lanelet_map import LaneletMap
 from scenarios.lines import Line, look_up, moved, moved_points
+from scenarios.route import LANE_CHANGE_TIME, SHORTEST_LANE_CHANGE
 from scenarios.traffic import Agents, Relations, as_obstacles, drive
 from scenarios.vehicle_types import CAR, MOTORCYCLE, TRUCK, VehicleType, draw_types
 
@@ -197,7 +198,7 @@ def sample_with_map(key: Array, config: HighwayConfig) -> tuple[jf.Scenario, Lan
 
 def lane_change_length(speed: Array) -> Array:
     """Length [m] of a lane change at a speed [m/s], as the importer has it."""
-    return jnp.maximum(30.0, 3.0 * speed)
+    return jnp.maximum(SHORTEST_LANE_CHANGE, LANE_CHANGE_TIME * speed)
 
 
 def _traffic(

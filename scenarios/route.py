@@ -24,9 +24,15 @@ OFFSET_COST = 6.0
 """Detour [m] that is as good as starting one metre nearer to a lanelet's centre line."""
 
 
+SHORTEST_LANE_CHANGE = 30.0
+"""Length of a lane change at low speed [m]."""
+LANE_CHANGE_TIME = 3.0
+"""Duration of a lane change at higher speed [s]."""
+
+
 def lane_change_length(speed: float) -> float:
     """Length [m] that a comfortable lane change takes at `speed` [m/s]."""
-    return max(30.0, 3.0 * speed)
+    return max(SHORTEST_LANE_CHANGE, LANE_CHANGE_TIME * speed)
 
 
 def start_lanelets(network: Network, position: Points, heading: float) -> dict[int, float]:
