@@ -17,13 +17,15 @@ class DrivingOptions(SourceOptions):
 
     planner: Literal["default"] = "default"
     """The planner that drives: `default` has fixed cost weights."""
-    predictor: Literal["constant_velocity", "ground_truth"] = "constant_velocity"
+    predictor: Literal["neural", "constant_velocity", "ground_truth"] = "neural"
     """How the planner predicts the traffic."""
     weights: tuple[str, ...] = ()
     """Cost weights as NAME=VALUE, in place of the default ones; a wrong name lists all."""
     curvature_rate_limit: float | Literal["vehicle"] = 0.4
     """Limit of the curvature's rate of change [1/(m s)], or `vehicle` for the steering rate and the friction circle of
     the single-track model, as CommonRoad's feasibility check has them."""
+    emergency: Literal["stopping", "min_risk"] = "stopping"
+    """What is driven when every trajectory collides: what stops hardest, or what risks least for all together."""
     seed: int = 0
     """Seed of everything random; the default planner draws nothing."""
 
@@ -37,7 +39,7 @@ def planner_config(options: DrivingOptions) -> jf.PlannerConfig:
     limit = options.curvature_rate_limit
     if limit != "vehicle" and not 0.0 < limit < math.inf:
         raise UserError(f"--curvature-rate-limit {limit}: give a positive number or 'vehicle'")
-    return jf.PlannerConfig(predictor=options.predictor, curvature_rate_limit=limit)
+    return jf.PlannerConfig(predictor=options.predictor, curvature_rate_limit=limit, emergency=options.emergency)
 
 
 def cost_weights(assignments: tuple[str, ...]) -> jf.CostWeights:

@@ -56,6 +56,7 @@ def record(
       weights: cost weights.
       after_step: called after each step, for a progress bar.
     """
+    scenario = jax.jit(jf.with_predictions, static_argnums=0)(config, scenario)
     state = jax.jit(jf.reset, static_argnums=0)(config, scenario)
     states, cycles, reports = [jax.device_get(state)], [], []
     while states[-1].outcome == jf.Outcome.RUNNING:

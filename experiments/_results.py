@@ -17,7 +17,7 @@ import scenarios
 from scenarios.files import written_whole
 
 OUTCOMES = tuple(outcome.name.lower() for outcome in jf.Outcome if outcome is not jf.Outcome.RUNNING)
-RISKS = ("mean_ego_risk", "max_ego_risk", "mean_third_party_risk", "max_third_party_risk")
+SIDES = "ego", "third_party"
 
 
 def episode_row(name: str, info: scenarios.ScenarioInfo, episode: jf.Episode) -> dict[str, Any]:
@@ -36,7 +36,7 @@ def episode_row(name: str, info: scenarios.ScenarioInfo, episode: jf.Episode) ->
         "planning_problem": info.planning_problem_id,
         "outcome": jf.Outcome(int(episode.outcome)).name.lower(),
         "steps": steps,
-        **dict.fromkeys(RISKS),
+        **_risks(reports, driven_steps(episode)),
         "mean_speed": _number(np.mean(speed)),
         "final_speed": _number(speed[-1]),
         "distance": _number(episode.ego.arc_length[steps] - episode.ego.arc_length[0]),
@@ -45,6 +45,21 @@ def episode_row(name: str, info: scenarios.ScenarioInfo, episode: jf.Episode) ->
         "mean_feasible_share": _number(np.mean(reports.feasible_share[:steps])),
         "emergency_steps": int(np.sum(reports.mode[:steps] == jf.PlanMode.EMERGENCY)),
     }
+
+
+def driven_steps(episode: jf.Episode) -> int:
+    """Steps that the ego drove; an episode that ends as infeasible has one more, in which it found nothing to drive."""
+    return int(episode.steps) - (int(episode.outcome) == jf.Outcome.INFEASIBLE)
+
+
+def _risks(reports: jf.StepReport, steps: int) -> dict[str, float | None]:
+    """Mean and largest risk to either side over the first `steps` steps; None where there are none."""
+    row = {}
+    for side in SIDES:
+        risk = getattr(reports, f"{side}_risk")[:steps]
+        row[f"mean_{side}_risk"] = _number(np.mean(risk, dtype=np.float64)) if steps else None
+        row[f"max_{side}_risk"] = _number(np.max(risk)) if steps else None
+    return row
 
 
 def _number(value: SupportsFloat) -> float | None:
@@ -60,14 +75,19 @@ def summarize(
     return {
         "scenarios": len(rows),
         **{outcome: counts[outcome] for outcome in OUTCOMES},
-        "mean_ego_risk": None,
-        "mean_third_party_risk": None,
+        **{f"mean_{side}_risk": _mean([row[f"mean_{side}_risk"] for row in rows]) for side in SIDES},
         "mean_speed": _number(np.mean([row["mean_speed"] for row in rows])),
         "seconds": round(seconds, 3),
         "compile_seconds": round(compile_seconds, 3),
         "planning_cycles": sum(row["steps"] for row in rows),
         "skipped": [one._asdict() for one in skipped],
     }
+
+
+def _mean(values: Sequence[float | None]) -> float | None:
+    """The mean of the values that are known."""
+    known = [value for value in values if value is not None]
+    return _number(np.mean(known)) if known else None
 
 
 def write_results(folder: Path, config: dict[str, Any], summary: dict[str, Any], rows: list[dict[str, Any]]) -> None:
@@ -84,12 +104,14 @@ def write_results(folder: Path, config: dict[str, Any], summary: dict[str, Any],
 
 
 def summary_table(summary: dict[str, Any]) -> list[tuple[str, str]]:
-    """Names and values of a summary, for people: outcomes that happened, speed, time."""
+    """Names and values of a summary, for people: outcomes that happened, risks, speed, time."""
     cycles = summary["planning_cycles"]
+    risks = [(side, summary[f"mean_{side}_risk"]) for side in SIDES]
     return [
         ("scenarios", str(summary["scenarios"])),
         *((outcome.replace("_", " "), str(summary[outcome])) for outcome in OUTCOMES if summary[outcome]),
         ("skipped", str(len(summary["skipped"]))),
+        *((f"mean {side.replace('_', '-')} risk", f"{risk:.2e}") for side, risk in risks if risk is not None),
         ("mean speed", f"{summary['mean_speed']:.2f} m/s"),
         ("planning cycles", str(cycles)),
         ("driving", f"{summary['seconds']:.1f} s"),

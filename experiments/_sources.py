@@ -12,7 +12,7 @@ from tqdm import tqdm
 
 import scenarios
 from scenarios.command_line import UserError
-from scenarios.families import Draw, generate
+from scenarios.families import FAMILIES, Draw, generate
 
 BUILTIN = Path("builtin")
 """Stands for the scenarios that come with the project."""
@@ -110,6 +110,20 @@ def source_as_plain(options: SourceOptions) -> dict[str, Any]:
 def draw_of(config: dict[str, Any]) -> Draw:
     """What the generator was asked for, from `source_as_plain`."""
     return GeneratorOptions(**{name: config[name] for name in GENERATOR_FIELDS}).draw()
+
+
+def named_draws(kinds: tuple[str, ...], count: int, seed: int) -> dict[str, Draw]:
+    """What the generator is asked for by words `FAMILY` or `FAMILY:PRESET`, by their full names; everything if none.
+
+    Raises:
+      ScenarioError: there is no such family or preset, or a number is out of range.
+    """
+    draws: dict[str, Draw] = {}
+    for kind in kinds or tuple(FAMILIES):
+        family, _, preset = kind.partition(":")
+        presets = (preset,) if preset or family not in FAMILIES else tuple(FAMILIES[family].presets)
+        draws |= {f"{family}:{one}": Draw(count, seed, family, one).checked() for one in presets}
+    return draws
 
 
 def _reporter(bar: tqdm) -> Callable[[int, int], None]:

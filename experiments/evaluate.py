@@ -15,7 +15,7 @@ import jaxfrenet as jf
 import scenarios
 from experiments._batches import Batch, BatchDriver, make_batches
 from experiments._driving import DrivingOptions, cost_weights, planner_config
-from experiments._results import episode_row, summarize, summary_table, write_results
+from experiments._results import driven_steps, episode_row, summarize, summary_table, write_results
 from experiments._sources import SourceOptions, load_scenarios, source_as_plain
 from scenarios.command_line import UserError, prepare_folder, print_table, run_command
 
@@ -92,11 +92,6 @@ def _write_solutions(
         if folder.is_dir():
             folder.rename(Path(partial) / "earlier")
         fresh.rename(folder)
-
-
-def driven_steps(episode: jf.Episode) -> int:
-    """Steps that the ego drove; an episode that ends as infeasible has one more, in which it found nothing to drive."""
-    return int(episode.steps) - (int(episode.outcome) == jf.Outcome.INFEASIBLE)
 
 
 def _as_plain(options: EvaluateOptions, weights: jf.CostWeights) -> dict[str, Any]:

@@ -11,9 +11,20 @@ state, report = jf.step(config, scenario, state, jf.CostWeights())
 from jaxfrenet.config import DT, PlannerConfig
 from jaxfrenet.costs import COST_TERMS, CostWeights
 from jaxfrenet.planner import PlanMode, PlanningCycle, plan
-from jaxfrenet.prediction import Prediction, predict
+from jaxfrenet.prediction import Prediction, predict, with_predictions
 from jaxfrenet.reference_path import ReferencePath
-from jaxfrenet.scenario import Goal, InitialState, Lanes, ObstacleKind, Obstacles, Road, Scenario
+from jaxfrenet.risk import Risk, assess, assess_bundle
+from jaxfrenet.scenario import (
+    Goal,
+    InitialState,
+    LaneMap,
+    Lanes,
+    ObstacleKind,
+    Obstacles,
+    PredictionTable,
+    Road,
+    Scenario,
+)
 from jaxfrenet.simulation import Episode, StepReport, advance, max_steps, reset, roll_out, step
 from jaxfrenet.state import Outcome, SimulationState
 from jaxfrenet.trajectories import Bundle, EgoState
@@ -31,6 +42,7 @@ __all__ = [
     "Episode",
     "Goal",
     "InitialState",
+    "LaneMap",
     "Lanes",
     "ObstacleKind",
     "Obstacles",
@@ -39,17 +51,22 @@ __all__ = [
     "PlannerConfig",
     "PlanningCycle",
     "Prediction",
+    "PredictionTable",
     "ReferencePath",
+    "Risk",
     "Road",
     "Scenario",
     "SimulationState",
     "StepReport",
     "Vehicle",
     "advance",
+    "assess",
+    "assess_bundle",
     "max_steps",
     "plan",
     "predict",
     "reset",
     "roll_out",
     "step",
+    "with_predictions",
 ]

@@ -13,6 +13,7 @@ from jaxfrenet.prediction.types import Prediction
 from jaxfrenet.road import sweeps_edge
 from jaxfrenet.scenario import Road
 from jaxfrenet.trajectories import Bundle
+from jaxfrenet.vehicle import Vehicle
 
 AT_ONCE = 16
 """Trajectories checked together once the cheapest has turned out to collide."""
@@ -48,10 +49,7 @@ def collides(
     cos, sin = bundle.cos[index], bundle.sin[index]
     x = motion.x[index] + vehicle.rear_axle_to_center * cos
     y = motion.y[index] + vehicle.rear_axle_to_center * sin
-    half = jnp.full_like(x, 0.5 * vehicle.length), jnp.full_like(x, 0.5 * vehicle.width)
-    before = Box(*(value[:, :-1] for value in (x, y, cos, sin, *half)))
-    after = Box(*(value[:, 1:] for value in (x, y, cos, sin, *half)))
-    swept = swept_box(before, after)
+    swept = swept_boxes(vehicle, x, y, cos, sin)
 
     predicted = prediction.first(config.horizon_steps)
     obstacles = Box.from_heading(
@@ -64,6 +62,22 @@ def collides(
     hits = boxes_overlap(swept.expand_dims(1), obstacles) & predicted.valid
     leaves = sweeps_edge(road, swept, motion.arc_length[index, :-1], motion.offset[index, :-1])
     return jnp.any(hits, axis=(1, 2)) | jnp.any(leaves, axis=1)
+
+
+def swept_boxes(vehicle: Vehicle, x: Array, y: Array, cos: Array, sin: Array) -> Box:
+    """The oriented hulls `[..., points - 1]` that the ego's box sweeps between successive points.
+
+    Args:
+      vehicle: its size.
+      x: `[..., points]` of its centre [m]; also `y`, and `cos`, `sin` of its heading.
+      y: see `x`.
+      cos: see `x`.
+      sin: see `x`.
+    """
+    half = jnp.full_like(x, 0.5 * vehicle.length), jnp.full_like(x, 0.5 * vehicle.width)
+    before = Box(*(value[..., :-1] for value in (x, y, cos, sin, *half)))
+    after = Box(*(value[..., 1:] for value in (x, y, cos, sin, *half)))
+    return swept_box(before, after)
 
 
 def first_free(

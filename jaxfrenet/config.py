@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -11,6 +11,10 @@ from jaxfrenet.vehicle import BMW_320I, Vehicle
 
 DT = 0.1
 """Time step [s] of scenarios, trajectories and the closed loop."""
+HarmModel = Literal["symmetric_areas", "angle_free"]
+"""How harm to passengers of colliding vehicles is told: by front, sides and rear, or alike from everywhere."""
+Emergency = Literal["stopping", "min_risk"]
+"""What to drive when every feasible trajectory collides: what stops hardest, or what risks least for all together."""
 
 
 @dataclass(frozen=True)
@@ -18,7 +22,7 @@ class PlannerConfig:
     """Everything static about one planning cycle; frozen and hashable, so it is a static argument under `jit`."""
 
     vehicle: Vehicle = BMW_320I
-    predictor: Literal["constant_velocity", "ground_truth"] = "constant_velocity"
+    predictor: Literal["constant_velocity", "ground_truth", "neural"] = "constant_velocity"
     horizon_steps: int = 30
     """Time steps that a trajectory looks ahead; 30 is 3.0 s."""
     shortest_end_step: int = 11
@@ -44,6 +48,10 @@ class PlannerConfig:
     """Predicted obstacles are this much wider [m] than recorded ones."""
     standstill_speed: float = 0.1
     """At or below this speed [m/s] the ego stays where it is when every trajectory collides."""
+    harm_model: HarmModel = "symmetric_areas"
+    """How harm to passengers of colliding vehicles is told."""
+    emergency: Emergency = "stopping"
+    """What is driven when every feasible trajectory collides."""
 
     def __post_init__(self) -> None:
         """Refuse settings that no planning cycle can be built from."""
@@ -57,6 +65,9 @@ class PlannerConfig:
         limit = self.curvature_rate_limit
         if limit != "vehicle" and not (isinstance(limit, int | float) and limit > 0):
             raise ValueError(f'curvature_rate_limit is {limit!r}: choose a number above 0 or "vehicle"')
+        for name, words in (("harm_model", get_args(HarmModel)), ("emergency", get_args(Emergency))):
+            if getattr(self, name) not in words:
+                raise ValueError(f"{name} is {getattr(self, name)!r}: choose one of {', '.join(words)}")
 
     @property
     def points(self) -> int:

@@ -1,4 +1,4 @@
-"""One planning cycle (paper, "Sampling-based Motion Planner"): sample, check, cost, collision check, choose.
+"""One planning cycle (paper, "Sampling-based Motion Planner"): sample, check, cost, collision check, choose, assess.
 
 `plan` is a pure function of a scenario and a state; `jit` and `vmap` it freely. `config` is static.
 """
@@ -6,12 +6,13 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from enum import IntEnum
 
 import jax
 import jax.numpy as jnp
 
-from jaxfrenet import collision_check, costs, feasibility
+from jaxfrenet import collision_check, costs, feasibility, risk
 from jaxfrenet._pytree import pytree_dataclass
 from jaxfrenet._typing import Array, Float, Int
 from jaxfrenet.config import PlannerConfig
@@ -19,9 +20,10 @@ from jaxfrenet.costs import CostInputs, CostWeights
 from jaxfrenet.feasibility import Feasibility
 from jaxfrenet.goal import desired_speed
 from jaxfrenet.prediction import Prediction, predict
+from jaxfrenet.risk import Risk
 from jaxfrenet.sampling import sample_end_states
 from jaxfrenet.scenario import Scenario
-from jaxfrenet.state import SimulationState
+from jaxfrenet.state import Outcome, SimulationState
 from jaxfrenet.trajectories import Bundle, EgoState, generate
 
 
@@ -31,7 +33,7 @@ class PlanMode(IntEnum):
     NORMAL = 0
     """The cheapest feasible trajectory without a collision."""
     EMERGENCY = 1
-    """Every feasible trajectory collides: the one that stops hardest."""
+    """Every feasible trajectory collides: the one that `config.emergency` asks for."""
     STANDSTILL = 2
     """As above, at standstill: stay."""
     INFEASIBLE = 3
@@ -61,6 +63,8 @@ class PlanningCycle:
     prediction: Prediction
     desired_speed: Float[Array, ""]
     """`[]`, m/s."""
+    risk: Risk
+    """`[]`, of the chosen trajectory."""
 
 
 def plan(config: PlannerConfig, scenario: Scenario, state: SimulationState, weights: CostWeights) -> PlanningCycle:
@@ -84,7 +88,10 @@ def plan(config: PlannerConfig, scenario: Scenario, state: SimulationState, weig
     unweighted = costs.evaluate(config, weights, inputs)
     cost = unweighted @ weights.values()
     free = collision_check.first_free(config, bundle, checked.feasible, cost, prediction, scenario.road)
-    trajectory, chosen, mode = _choose(config, ego, bundle, checked, free)
+    mode = _mode(config, ego, checked, free)
+    last_resort = _last_resort(config, scenario, prediction, bundle, checked, state, mode)
+    chosen = jnp.where(free.found, free.index, last_resort).astype(jnp.int32)
+    trajectory = _driven(ego, bundle, chosen, mode)
     return PlanningCycle(
         trajectory=trajectory,
         mode=mode,
@@ -96,32 +103,77 @@ def plan(config: PlannerConfig, scenario: Scenario, state: SimulationState, weig
         collision_checked=free.checked,
         prediction=prediction,
         desired_speed=target,
+        risk=risk.assess(config, scenario, prediction, trajectory),
     )
 
 
-def _choose(
-    config: PlannerConfig, ego: EgoState, bundle: Bundle, checked: Feasibility, free: collision_check.FirstFree
-) -> tuple[EgoState, Array, Array]:
-    """The trajectory to drive `[points]`, its place in the bundle, and the mode."""
-    any_feasible = jnp.any(checked.feasible)
+def _mode(config: PlannerConfig, ego: EgoState, checked: Feasibility, free: collision_check.FirstFree) -> Array:
+    """The cycle's `PlanMode`."""
     at_rest = ego.speed <= config.standstill_speed
     blocked = jnp.where(at_rest, PlanMode.STANDSTILL, PlanMode.EMERGENCY)
-    mode = jnp.where(free.found, PlanMode.NORMAL, jnp.where(any_feasible, blocked, PlanMode.INFEASIBLE))
-    chosen = jnp.where(free.found, free.index, _hardest_stop(bundle, checked.feasible, ego))
-    stay = (mode == PlanMode.STANDSTILL) | (mode == PlanMode.INFEASIBLE)
-    driven = jax.tree.map(
-        lambda still, sampled: jnp.where(stay, still, sampled[chosen]), _standstill(ego), bundle.motion
-    )
-    return driven, chosen.astype(jnp.int32), mode.astype(jnp.int32)
+    colliding = jnp.where(jnp.any(checked.feasible), blocked, PlanMode.INFEASIBLE)
+    return jnp.where(free.found, PlanMode.NORMAL, colliding).astype(jnp.int32)
 
 
-def _hardest_stop(bundle: Bundle, feasible: Array, ego: EgoState) -> Array:
-    """The feasible trajectory with the lowest end speed, then the shortest time to it, then the least sideways."""
-    chosen = feasible
-    for key in (bundle.end_speed, bundle.end_step, jnp.abs(bundle.end_offset - ego.offset)):
-        key = jnp.where(chosen, key.astype(jnp.float32), jnp.inf)
+def _last_resort(
+    config: PlannerConfig,
+    scenario: Scenario,
+    prediction: Prediction,
+    bundle: Bundle,
+    checked: Feasibility,
+    state: SimulationState,
+    mode: Array,
+) -> Array:
+    """Place of the feasible trajectory for an emergency: lowest end speed, soonest, least sideways.
+
+    With `min_risk`, the one of least risk; these three then decide between equals. An episode that has ended, which a
+    batch may carry on, is not assessed any more.
+    """
+    keys = [bundle.end_speed, bundle.end_step.astype(jnp.float32), jnp.abs(bundle.end_offset - state.ego.offset)]
+    if config.emergency == "min_risk":
+        wanted = (mode == PlanMode.EMERGENCY) & (state.outcome == Outcome.RUNNING)
+        keys = [_total_risk(config, scenario, prediction, bundle, wanted), *keys]
+    chosen = checked.feasible
+    for key in keys:
+        key = jnp.where(chosen, key, jnp.inf)
         chosen = chosen & (key <= jnp.min(key))
     return jnp.argmax(chosen)
+
+
+def _total_risk(
+    config: PlannerConfig, scenario: Scenario, prediction: Prediction, bundle: Bundle, wanted: Array
+) -> Float[Array, "trajectories"]:
+    """Risk of every trajectory to all together; zeros, without the work, where it is not wanted.
+
+    In a batch, nothing is done as long as nobody wants it, then one scenario after the other is asked.
+    """
+
+    @jax.custom_batching.sequential_vmap
+    def one_by_one(wanted: Array, scenario: Scenario, prediction: Prediction, bundle: Bundle) -> Array:
+        return _only_if(wanted, bundle, lambda tied: risk.assess_bundle(config, scenario, prediction, tied).total)
+
+    return _only_if(wanted, bundle, lambda tied: one_by_one(wanted, scenario, prediction, tied))
+
+
+def _only_if(wanted: Array, bundle: Bundle, evaluate: Callable[[Bundle], Array]) -> Array:
+    """Values `[trajectories]`, or zeros without the work; a conditional would always do the work under `vmap`.
+
+    The loop runs once or not at all. The barrier ties the bundle to it, as XLA moves what does not change in a loop to
+    before it.
+    """
+
+    def once(carry: tuple[Array, Array]) -> tuple[Array, Array]:
+        tied, _ = jax.lax.optimization_barrier((bundle, carry))
+        return jnp.asarray(False), evaluate(tied)
+
+    unknown = jnp.zeros_like(bundle.end_speed)
+    return jax.lax.while_loop(lambda carry: carry[0], once, (wanted, unknown))[1]
+
+
+def _driven(ego: EgoState, bundle: Bundle, chosen: Array, mode: Array) -> EgoState:
+    """The trajectory to drive `[points]`."""
+    stay = (mode == PlanMode.STANDSTILL) | (mode == PlanMode.INFEASIBLE)
+    return jax.tree.map(lambda still, sampled: jnp.where(stay, still, sampled[chosen]), _standstill(ego), bundle.motion)
 
 
 def _standstill(ego: EgoState) -> EgoState:

@@ -74,6 +74,25 @@ class Lanes:
     """`[nodes, lane]`, 1 same direction as the route, -1 oncoming, 0 no such lane."""
 
 
+LANE_NODES = 17
+"""Nodes of a piece of lane in `LaneMap`."""
+
+
+@pytree_dataclass
+class LaneMap:
+    """Where the map's lanes lead, cut into pieces that follow each other: what predictors see of the road."""
+
+    center: Float[Array, "*batch pieces nodes 2"]
+    """`[pieces, LANE_NODES, 2]`, m, nodes of the lane's centre line at equal distances, in driving direction."""
+    length: Float[Array, "*batch pieces"]
+    """`[pieces]`, m, along the centre line."""
+    successors: Int[Array, "*batch pieces 3"]
+    """`[pieces, way]`, the piece that follows for who keeps to the left, goes straight on, keeps to the right; the same
+    one where the lane does not fork, -1 where it ends."""
+    valid: Bool[Array, "*batch pieces"]
+    """`[pieces]`."""
+
+
 @pytree_dataclass
 class Road:
     """The road surface's edge as line segments; the surface is where an odd number of them is crossed to infinity."""
@@ -128,14 +147,31 @@ class InitialState:
 
 
 @pytree_dataclass
+class PredictionTable:
+    """What a predictor says at every step of the record: recorded traffic does not react, so it can be known before."""
+
+    mean: Float[Array, "*batch obstacles horizon 2"]
+    """`[steps, obstacles, horizon, 2]`, m."""
+    covariance: Float[Array, "*batch obstacles horizon 3"]
+    """`[steps, obstacles, horizon, (xx, xy, yy)]`, m²."""
+    heading: Float[Array, "*batch obstacles horizon"]
+    """`[steps, obstacles, horizon]`, rad."""
+    speed: Float[Array, "*batch obstacles horizon"]
+    """`[steps, obstacles, horizon]`, m/s."""
+
+
+@pytree_dataclass
 class Scenario:
     """One driving task: everything that the planner and the closed loop read."""
 
     path: ReferencePath
     lanes: Lanes
+    lane_map: LaneMap
     road: Road
     obstacles: Obstacles
     goal: Goal
     initial_state: InitialState
     origin: Float[Array, "*batch 2"]
     """`[2]`, m, the local frame's origin in the file's coordinates."""
+    predictions: PredictionTable | None = None
+    """Predictions that planning looks up; without them the predictor runs in each cycle. See `with_predictions`."""

@@ -15,6 +15,7 @@ from jaxfrenet.config import PlannerConfig
 from jaxfrenet.costs import CostWeights
 from jaxfrenet.goal import judge, last_step
 from jaxfrenet.planner import PlanMode, PlanningCycle, plan
+from jaxfrenet.prediction import with_predictions
 from jaxfrenet.reference_path import look_up, project
 from jaxfrenet.road import is_off_road
 from jaxfrenet.scenario import Obstacles, Scenario
@@ -43,6 +44,10 @@ class StepReport:
     """`[]`, share of the sampled trajectories that are feasible."""
     collision_checked: Int[Array, "*batch"]
     """`[]`, trajectories that the collision check looked at."""
+    ego_risk: Float[Array, "*batch"]
+    """`[]`, risk of the driven trajectory to the ego's passengers, from collisions with obstacles."""
+    third_party_risk: Float[Array, "*batch"]
+    """`[]`, risk of the driven trajectory to others."""
 
 
 @pytree_dataclass
@@ -128,6 +133,8 @@ def _report(cycle: PlanningCycle, weights: CostWeights) -> StepReport:
         valid_share=jnp.mean(cycle.bundle.valid),
         feasible_share=jnp.mean(cycle.feasibility.feasible),
         collision_checked=cycle.collision_checked,
+        ego_risk=cycle.risk.ego,
+        third_party_risk=cycle.risk.third_party,
     )
 
 
@@ -190,6 +197,8 @@ def roll_out(config: PlannerConfig, scenario: Scenario, weights: CostWeights, ma
       max_steps: static; an episode that runs longer is left with the outcome `RUNNING`. `max_steps(scenario)` is
         always enough.
     """
+    if scenario.predictions is None:
+        scenario = with_predictions(config, scenario)
     start = reset(config, scenario)
     _, report_shape = jax.eval_shape(partial(step, config), scenario, start, weights)
     reports = jax.tree.map(lambda leaf: jnp.zeros((max_steps, *leaf.shape), leaf.dtype), report_shape)

@@ -9,7 +9,7 @@ import numpy as np
 from jax import Array
 
 import jaxfrenet as jf
-from scenarios import goals, lanes, obstacles, road
+from scenarios import goals, lane_pieces, lanes, obstacles, road
 from scenarios.batching import device_array
 from scenarios.goals import GoalState
 from scenarios.lanelets import Network
@@ -39,6 +39,17 @@ def lane_arrays(network: Network, lanelets: list[int], path: RoutePath) -> jf.La
     """The lanes along the path; `lanelets` are those that it follows."""
     center, width, direction = lanes.lane_tables(network, lanelets, path)
     return jf.Lanes(center=float_array(center), width=float_array(width), direction=device_array(direction))
+
+
+def lane_map_arrays(network: Network) -> jf.LaneMap:
+    """All lanes of the map."""
+    pieces = lane_pieces.cut(network)
+    return jf.LaneMap(
+        center=float_array(pieces.center),
+        length=float_array(pieces.length),
+        successors=device_array(pieces.successors),
+        valid=device_array(np.ones(len(pieces.length), bool)),
+    )
 
 
 def road_arrays(network: Network, path: RoutePath) -> jf.Road:

@@ -38,6 +38,7 @@ class World:
     goal_steps: Int[Array, "2"]
     goal_speed: Float[Array, "2"]
     """m/s."""
+    lane_map: jf.LaneMap
     road_ring: Float[Array, "corners 2"]
     """`[corners, 2]`, m, around the road, counter-clockwise."""
     obstacles: jf.Obstacles
@@ -68,6 +69,7 @@ def assemble(world: World, lanes: Callable[[Array], jf.Lanes], nodes: int, nearb
     return jf.Scenario(
         path=path,
         lanes=jax.tree.map(lambda leaf: jnp.where(exists, leaf, jnp.zeros((), leaf.dtype)), along),
+        lane_map=world.lane_map,
         road=_road(world.road_ring, path, nearby),
         obstacles=world.obstacles,
         goal=jf.Goal(

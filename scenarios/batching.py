@@ -24,6 +24,10 @@ AXES: dict[str, tuple[str, ...]] = {
     "lanes.center": ("nodes", ""),
     "lanes.width": ("nodes", ""),
     "lanes.direction": ("nodes", ""),
+    "lane_map.center": ("pieces", "", ""),
+    "lane_map.length": ("pieces",),
+    "lane_map.successors": ("pieces", ""),
+    "lane_map.valid": ("pieces",),
     "road.segments": ("segments", "", ""),
     "road.valid": ("segments",),
     "road.nearby": ("bins", "nearby"),
@@ -53,7 +57,13 @@ AXES: dict[str, tuple[str, ...]] = {
 }
 """Each leaf of a scenario and the names of its axes; axes without a name have a fixed size."""
 
-FILL: dict[str, float] = {"road.nearby": -1, "obstacles.length": 1.0, "obstacles.width": 1.0}
+FILL: dict[str, float] = {
+    "lane_map.length": 1.0,
+    "lane_map.successors": -1,
+    "road.nearby": -1,
+    "obstacles.length": 1.0,
+    "obstacles.width": 1.0,
+}
 """What padding is made of where 0 or False will not do."""
 
 PADDED_AXES = tuple(sorted({axis for axes in AXES.values() for axis in axes if axis}))
@@ -88,6 +98,7 @@ def scenario_of(leaves: Mapping[str, ArrayLike]) -> jf.Scenario:
     return jf.Scenario(
         path=part(jf.ReferencePath, "path"),
         lanes=part(jf.Lanes, "lanes"),
+        lane_map=part(jf.LaneMap, "lane_map"),
         road=part(jf.Road, "road"),
         obstacles=part(jf.Obstacles, "obstacles"),
         goal=part(jf.Goal, "goal"),
@@ -97,7 +108,7 @@ def scenario_of(leaves: Mapping[str, ArrayLike]) -> jf.Scenario:
 
 
 def sizes_of(scenario: jf.Scenario) -> dict[str, int]:
-    """The sizes of the axes that padding can enlarge: bins, edges, goals, nearby, nodes, obstacles, segments, steps."""
+    """The sizes of the axes that padding can enlarge, `PADDED_AXES`."""
     return _sizes(leaves_of(scenario))
 
 
@@ -153,7 +164,7 @@ def without_traffic(scenario: jf.Scenario) -> jf.Scenario:
     nobody = replace(
         obstacles, valid=device_array(np.zeros(obstacles.valid.shape, bool)), static=device_array(np.zeros(1, bool))
     )
-    return replace(scenario, obstacles=nobody)
+    return replace(scenario, obstacles=nobody, predictions=None)
 
 
 def _padded(leaves: Mapping[str, np.ndarray], sizes: Mapping[str, int]) -> dict[str, np.ndarray]:

@@ -25,7 +25,7 @@ BROKEN_CONTENT = (ArithmeticError, AssertionError, AttributeError, LookupError, 
 ORIGIN_GRID = 100.0
 """Distance [m] of the points that a local frame's origin is chosen from: files of one map in which the ego starts near
 the same point get the same frame, and with it identical map arrays."""
-IMPORTER_VERSION = 1
+IMPORTER_VERSION = 2
 """Must be raised when the import changes: scenarios that an earlier one has left in the cache are then read anew."""
 
 
@@ -125,6 +125,7 @@ def _scenario(file: CommonRoadFile) -> jf.Scenario:
     return jf.Scenario(
         path=arrays.path_arrays(path),
         lanes=arrays.lane_arrays(network, lanelets, path),
+        lane_map=arrays.lane_map_arrays(network),
         road=arrays.road_arrays(network, path),
         obstacles=arrays.obstacle_arrays(
             [track.moved(-origin) for track in tracks if track is not None],

@@ -22,6 +22,7 @@ from scenarios.highway_road import (
     GOAL_LANELET,
     LEFT_LANE,
     LINKS,
+    PIECES,
     RAMP_LANE,
     RIGHT_LANE,
     Highway,
@@ -33,7 +34,7 @@ from scenarios.highway_road import (
     line_of,
     road_ring,
 )
-from scenarios.lanelet_map import LaneletMap
+from scenarios.lanelet_map import LaneletMap, lane_map_of
 from scenarios.lines import Line, look_up, moved, moved_points
 from scenarios.route import LANE_CHANGE_TIME, SHORTEST_LANE_CHANGE
 from scenarios.traffic import Agents, Relations, as_obstacles, drive
@@ -184,6 +185,7 @@ def sample_with_map(key: Array, config: HighwayConfig) -> tuple[jf.Scenario, Lan
         goal_ring=jnp.concatenate([right[GOAL_LANELET], left[GOAL_LANELET][::-1]]),
         goal_steps=goal_steps,
         goal_speed=jnp.stack([speed - 10.0, speed + 10.0]),
+        lane_map=lane_map_of(list(zip(left, right, strict=True)), LINKS, (PIECES,) * len(LINKS)),
         road_ring=road_ring(corners),
         obstacles=as_obstacles(replace(agents, line=moved(agents.line, *frame)), positions, speeds, ego_box(heading)),
         initial_state=start_of(heading, speed, at.curvature),

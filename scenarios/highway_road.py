@@ -32,6 +32,8 @@ LINKS = (
 )
 """Ramp, right and left lane before the entry; acceleration lane, right and left lane beside it; both lanes behind."""
 GOAL_LANELET = 6
+PIECES = 5
+"""Into how many pieces of a `jaxfrenet.LaneMap` a lanelet is cut."""
 
 
 @pytree_dataclass

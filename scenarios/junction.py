@@ -27,6 +27,8 @@ LARGEST_RADIUS = 3.0
 """Turn radius over lane width beyond which the lanes no longer cover the middle of the junction."""
 INSET = 1e-3
 """Lanelets inside the junction keep this far [m] from the road's edge, which their borders would else follow."""
+PIECES_OF_ARM = 5
+"""Into how many pieces of a `jaxfrenet.LaneMap` a lane of an arm is cut; those inside the junction are one each."""
 STRAIGHT = 0.7
 """Turns by less than this [rad] lead straight on."""
 
@@ -188,6 +190,11 @@ def lanelet_links(arms: int) -> tuple[LaneletLinks, ...]:
         into = tuple(through[pair] for pair in pairs if pair[0] == arm)
         links += [LaneletLinks(into, left=2 * arm + 1), LaneletLinks((), left=2 * arm)]
     return (*links, *(LaneletLinks((2 * second + 1,), left=through[second, first]) for first, second in pairs))
+
+
+def lanelet_pieces(arms: int) -> tuple[int, ...]:
+    """Into how many pieces each lanelet is cut, in the order of `lanelet_links`."""
+    return (PIECES_OF_ARM,) * (2 * arms) + (1,) * len(_pairs(arms))
 
 
 def _pairs(arms: int) -> list[tuple[int, int]]:

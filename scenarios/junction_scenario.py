@@ -12,10 +12,10 @@ import jaxfrenet as jf
 from jaxfrenet._typing import Array
 from scenarios.assembly import World, assemble, ego_box, goal_interval, start_of
 from scenarios.distributions import Dice
-from scenarios.junction import Junction, junction_lines, lanelet_borders, road_ring
+from scenarios.junction import Junction, junction_lines, lanelet_borders, lanelet_links, lanelet_pieces, road_ring
 from scenarios.junction_task import NEAREST_START, JunctionTask
 from scenarios.junction_traffic import Ego, draw_traffic
-from scenarios.lanelet_map import LaneletMap
+from scenarios.lanelet_map import LaneletMap, lane_map_of
 from scenarios.lines import look_up, moved, moved_points
 from scenarios.traffic import as_obstacles, drive
 
@@ -96,6 +96,7 @@ def draw_scenario(dice: Dice, task: JunctionTask, angle: Array, roles: Array) ->
         goal_ring=goal_ring,
         goal_steps=steps,
         goal_speed=jnp.stack([jnp.minimum(speed, pace) - 8.0, jnp.maximum(speed, pace) + 5.0]),
+        lane_map=lane_map_of(lanelets, lanelet_links(len(angle)), lanelet_pieces(len(angle))),
         road_ring=moved_points(road_ring(lines, junction.lane_width), *frame),
         obstacles=as_obstacles(seen, positions, speeds, ego_box(heading)),
         initial_state=start_of(heading, speed, at.curvature),

@@ -27,7 +27,7 @@ from scenarios.files import written_whole
 from scenarios.sharing import distinct
 
 FORMAT = "jaxfrenet scenarios"
-VERSION = 2
+VERSION = 3
 BROKEN = (
     *(zipfile.BadZipFile, zlib.error, tokenize.TokenError, EOFError, OSError, MemoryError, RuntimeError),
     *(ValueError, KeyError, TypeError, IndexError, SyntaxError),

@@ -5,13 +5,16 @@ import dataclasses
 import json
 import shutil
 
+import jax
 import jax.numpy as jnp
+import numpy as np
 import pytest
 
 import jaxfrenet as jf
 import scenarios
 from experiments import evaluate
-from experiments._driving import cost_weights
+from experiments._driving import cost_weights, planner_config
+from experiments._results import episode_row, summarize, summary_table
 from scenarios.families import FAMILIES, Draw
 
 SUMMARY = {"scenarios", "mean_ego_risk", "mean_third_party_risk", "seconds", "planning_cycles", "skipped"}
@@ -53,10 +56,29 @@ def test_summary_adds_up(evaluated):
     assert summary["skipped"] == []
 
 
-def test_risks_are_unknown_rather_than_zero(evaluated):
+@pytest.mark.parametrize("side", ["ego", "third_party"])
+def test_risks_of_episodes_and_their_mean(evaluated, side):
     results = read(evaluated)
-    assert results["summary"]["mean_ego_risk"] is None
-    assert all(episode[risk] is None for episode in results["episodes"] for risk in RISKS)
+    means, largest = ([row[f"{kind}_{side}_risk"] for row in results["episodes"]] for kind in ("mean", "max"))
+    assert all(0.0 < mean < most <= 1.0 for mean, most in zip(means, largest, strict=True))
+    assert results["summary"][f"mean_{side}_risk"] == pytest.approx(sum(means) / len(means), rel=1e-5)
+
+
+def test_risks_are_unknown_where_nothing_was_driven(evaluated, builtin_file):
+    found = scenarios.load_set([builtin_file])
+    nowhere = dataclasses.replace(
+        found.scenarios[0], path=dataclasses.replace(found.scenarios[0].path, length=jnp.float32(20.0))
+    )
+    episode = jax.device_get(jf.roll_out(jf.PlannerConfig(), nowhere, jf.CostWeights(), jf.max_steps(nowhere)))
+    row = episode_row("nowhere", found.infos[0], episode)
+    assert (row["outcome"], row["steps"]) == ("infeasible", 1)
+    assert {row[risk] for risk in RISKS} == {None}
+    known = read(evaluated)["episodes"]
+    summary = summarize([row, *known], [], 1.0, 1.0)
+    assert summary["mean_ego_risk"] == read(evaluated)["summary"]["mean_ego_risk"]
+    assert summarize([row], [], 1.0, 1.0)["mean_ego_risk"] is None
+    assert "mean ego risk" in dict(summary_table(summary))
+    assert "mean ego risk" not in dict(summary_table(summarize([row], [], 1.0, 1.0)))
 
 
 def test_csv_equals_json(evaluated):
@@ -69,11 +91,17 @@ def test_csv_equals_json(evaluated):
 def test_results_agree_with_the_closed_loop(evaluated, builtin_file):
     scenario_set = scenarios.load_set([builtin_file])
     scenario, name = scenario_set.scenarios[0], scenario_set.infos[0].name
-    episode = jf.roll_out(jf.PlannerConfig(), scenario, jf.CostWeights(), jf.max_steps(scenario))
+    episode = jf.roll_out(
+        planner_config(evaluate.EvaluateOptions()), scenario, jf.CostWeights(), jf.max_steps(scenario)
+    )
     row = next(row for row in read(evaluated)["episodes"] if row["scenario"] == name)
     assert row["outcome"] == jf.Outcome(int(episode.outcome)).name.lower()
     assert row["steps"] == int(episode.steps)
     assert row["final_speed"] == pytest.approx(float(episode.ego.speed[row["steps"]]), rel=1e-2)
+    for side in ("ego", "third_party"):
+        risk = np.asarray(getattr(episode.reports, f"{side}_risk"))[: row["steps"]]
+        assert row[f"mean_{side}_risk"] == pytest.approx(risk.mean(), rel=0.05)
+        assert row[f"max_{side}_risk"] == pytest.approx(risk.max(), rel=0.05)
 
 
 def test_one_solution_file_per_episode(evaluated):
@@ -93,7 +121,7 @@ def test_a_step_without_a_trajectory_is_not_driven(evaluated, builtin_file):
 
 def test_config_records_what_was_asked_for(evaluated):
     config = read(evaluated)["config"]
-    assert config["predictor"] == "constant_velocity"
+    assert (config["predictor"], config["emergency"]) == (evaluate.EvaluateOptions().predictor, "stopping")
     assert config["weights"] == {name: getattr(jf.CostWeights(), name) for name in jf.CostWeights().names()}
     assert config["scenarios"] == ["builtin"]
     assert not {"generate", "generator_seed", "family", "preset"} & set(config)
@@ -112,6 +140,11 @@ def test_generated_scenarios_are_driven_and_named(evaluated_generated):
 def test_generated_scenarios_are_the_default():
     assert evaluate.EvaluateOptions().scenarios is None
     assert evaluate.EvaluateOptions().draw() == Draw(16, seed=0, family="tjunction", preset="default")
+
+
+def test_the_emergency_is_the_planners():
+    assert planner_config(evaluate.EvaluateOptions()).emergency == "stopping"
+    assert planner_config(evaluate.EvaluateOptions(emergency="min_risk")).emergency == "min_risk"
 
 
 def test_weights_replace_the_default_ones():

@@ -86,6 +86,12 @@ def straight_world(
         width=single(np.full((len(nodes), 3), 3.5)),
         direction=jnp.asarray(np.stack([one, -one, 0 * one], -1), jnp.int32),
     )
+    lane_map = jf.LaneMap(
+        center=single([[[30.0 * piece + 30.0 * node / 16, 0.0] for node in range(17)] for piece in range(10)]),
+        length=jnp.full(10, 30.0),
+        successors=jnp.asarray([[piece + 1 if piece < 9 else -1] * 3 for piece in range(10)], jnp.int32),
+        valid=jnp.ones(10, bool),
+    )
     edge = rectangle(-10.0, LENGTH + 10, -half_width, half_width)
     bins = int(LENGTH / BIN_LENGTH) + 1
     road = jf.Road(single(edge), jnp.ones(4, bool), jnp.tile(jnp.arange(4, dtype=jnp.int32), (bins, 1)))
@@ -102,7 +108,7 @@ def straight_world(
         valid=jnp.asarray([True]),
     )
     initial = jf.InitialState(single(start), single(heading), single(speed), single(0.0), single(yaw_rate))
-    return jf.Scenario(path, lanes, road, obstacles_of(things), target, initial, single([0.0, 0.0]))
+    return jf.Scenario(path, lanes, lane_map, road, obstacles_of(things), target, initial, single([0.0, 0.0]))
 
 
 @pytest.fixture(scope="session")

@@ -1,6 +1,7 @@
 """What a planning cycle chooses, and that neither batches nor padding change it."""
 
 import dataclasses
+import re
 from functools import partial
 
 import jax
@@ -10,6 +11,7 @@ import pytest
 
 import jaxfrenet as jf
 import scenarios
+from jaxfrenet.planner import _total_risk
 
 
 def mode_of(cycle: jf.PlanningCycle) -> jf.PlanMode:
@@ -34,6 +36,7 @@ def test_the_cheapest_free_trajectory_is_chosen(world, plan, config):
     driven = jax.tree.map(lambda leaf: leaf[int(cycle.chosen)], cycle.bundle.motion)
     for mine, expected in zip(jax.tree.leaves(cycle.trajectory), jax.tree.leaves(driven), strict=True):
         np.testing.assert_array_equal(mine, expected)
+    assert [float(leaf) for leaf in jax.tree.leaves(cycle.risk)] == [0.0, 0.0, 0.0]
 
 
 def test_colliding_trajectories_are_passed_over(world, config, thing):
@@ -56,10 +59,101 @@ def test_emergency_stops_hardest(world, plan, config, thing):
     assert mode_of(cycle) is jf.PlanMode.EMERGENCY
     feasible = np.asarray(cycle.feasibility.feasible)
     assert int(cycle.collision_checked) == feasible.sum()
-    aside = np.abs(np.asarray(cycle.bundle.end_offset) - float(state.ego.offset))
-    keys = np.stack([np.asarray(cycle.bundle.end_speed), np.asarray(cycle.bundle.end_step), aside], axis=1)
+    keys = stopping_keys(cycle, state)
     best = min(map(tuple, keys[feasible]))
     assert tuple(keys[int(cycle.chosen)]) == best
+
+
+def stopping_keys(cycle: jf.PlanningCycle, state: jf.SimulationState) -> np.ndarray:
+    """`[trajectories, 3]`, by which emergencies are ranked without risk."""
+    aside = np.abs(np.asarray(cycle.bundle.end_offset) - float(state.ego.offset))
+    return np.stack([np.asarray(cycle.bundle.end_speed), np.asarray(cycle.bundle.end_step), aside], axis=1)
+
+
+@pytest.fixture(scope="module")
+def min_risk(config):
+    """`min_risk(scenarios)`: planning cycles with `min_risk`, and the risks of their bundles, as one batch."""
+    config = dataclasses.replace(config, emergency="min_risk")
+
+    @jax.jit
+    @jax.vmap
+    def compiled(scenario, state):
+        cycle = jf.plan(config, scenario, state, jf.CostWeights())
+        return cycle, jf.assess_bundle(config, scenario, cycle.prediction, cycle.bundle)
+
+    def run(found):
+        states = [jf.reset(config, scenario) for scenario in found]
+        together = compiled(*(jax.tree.map(lambda *leaves: jnp.stack(leaves), *rows) for rows in (found, states)))
+        return [(state, *jax.tree.map(lambda leaf, i=i: leaf[i], together)) for i, state in enumerate(states)]
+
+    return run
+
+
+def with_kinds(scenario: jf.Scenario, *kinds: jf.ObstacleKind) -> jf.Scenario:
+    obstacles = dataclasses.replace(scenario.obstacles, kind=jnp.asarray(kinds, jnp.int32))
+    return dataclasses.replace(scenario, obstacles=obstacles)
+
+
+def test_emergency_of_least_risk(world, plan, min_risk, config, thing):
+    """The brute-force choice; it is not the one that stops hardest, and less risky than that."""
+    kind = jf.ObstacleKind
+    blocked = [
+        with_kinds(world(block(thing, 30.0)), kind.CAR, kind.TRUCK, kind.PEDESTRIAN),
+        world(block(thing, 32.0)),
+        world(),
+    ]
+    *emergencies, (_, normal, _) = min_risk(blocked)
+    for scenario, (state, cycle, risk) in zip(blocked, emergencies, strict=False):
+        assert mode_of(cycle) is jf.PlanMode.EMERGENCY
+        total = np.maximum(risk.ego, risk.boundary_harm) + np.asarray(risk.third_party)
+        feasible = np.flatnonzero(cycle.feasibility.feasible)
+        least_first = np.lexsort([*stopping_keys(cycle, state)[feasible].T[::-1], total[feasible]])
+        chosen = int(cycle.chosen)
+        assert chosen == feasible[least_first[0]]
+        hardest = int(plan(scenario, state).chosen)
+        assert total[chosen] < 0.5 * total[hardest]
+        np.testing.assert_array_equal(cycle.trajectory.x, cycle.bundle.motion.x[chosen])
+        assert float(cycle.risk.ego) == pytest.approx(float(risk.ego[chosen]), rel=1e-4)
+    usual = plan(blocked[2], jf.reset(config, blocked[2]))
+    assert mode_of(normal) is mode_of(usual) is jf.PlanMode.NORMAL
+    assert int(normal.chosen) == int(usual.chosen)
+
+
+def test_without_any_risk_the_hardest_stop_is_chosen(world, min_risk, thing):
+    """Boxes so wide that they block the road from afar: nobody's centre is near, so no collision is probable."""
+    wide = [thing(32.0, y, static=True, width=51.0) for y in (-25.0, 25.0)]
+    scenario = with_kinds(world(wide), *[jf.ObstacleKind.CAR] * 3)
+    state, cycle, risk = min_risk([scenario] * 3)[0]
+    assert mode_of(cycle) is jf.PlanMode.EMERGENCY
+    keys = stopping_keys(cycle, state)
+    least = np.asarray(cycle.feasibility.feasible & (risk.total == 0.0))
+    assert least.sum() > 10
+    assert tuple(keys[int(cycle.chosen)]) == min(map(tuple, keys[least]))
+
+
+def test_risks_of_all_cost_nothing_without_an_emergency(world, plan, config):
+    """In a batch, XLA keeps the whole assessment inside the loop that runs only where it is wanted."""
+    if jax.default_backend() != "cpu":
+        pytest.skip("reads the program that XLA makes for the CPU")
+    scenario = world()
+    cycle = plan(scenario, jf.reset(config, scenario))
+    one = scenario, cycle.prediction, cycle.bundle, jnp.asarray(False)
+    pair = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), one)
+    text = jax.jit(jax.vmap(partial(_total_risk, config))).lower(*pair).compile().as_text() or ""
+    assert "exponential" in text
+    assert len(re.findall(r"\bwhile\(", text[text.index("ENTRY") :])) == 1
+
+
+def test_the_risk_of_all_is_not_compiled_without_need(world, config, monkeypatch):
+    def refuse(*_):
+        raise AssertionError("assessed")
+
+    monkeypatch.setattr("jaxfrenet.risk.assess_bundle", refuse)
+    scenario = world()
+    arguments = scenario, jf.reset(config, scenario), jf.CostWeights()
+    assert jax.eval_shape(partial(jf.plan, config), *arguments).risk.ego.shape == ()
+    with pytest.raises(AssertionError, match="assessed"):
+        jax.eval_shape(partial(jf.plan, dataclasses.replace(config, emergency="min_risk")), *arguments)
 
 
 def test_standstill_stays(world, plan, config, thing):
@@ -70,6 +164,8 @@ def test_standstill_stays(world, plan, config, thing):
     assert np.ptp(np.asarray(cycle.trajectory.x)) == 0.0
     assert not np.asarray(cycle.trajectory.speed).any()
     assert float(cycle.trajectory.heading[0]) == float(state.ego.heading)
+    assert float(cycle.risk.ego) > 0.0
+    assert float(cycle.risk.boundary_harm) == 0.0
 
 
 def test_without_a_feasible_trajectory(world, plan, config):
@@ -177,7 +273,23 @@ def test_padded_episodes_end_like_those_alone(real_pair):
         np.testing.assert_allclose(together.ego.x[row], alone.ego.x, atol=1e-2)
 
 
-@pytest.mark.parametrize("wrong", [dict(sampling_level=-1), dict(shortest_end_step=31), dict(curvature_rate_limit=0.0)])
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        dict(sampling_level=-1),
+        dict(shortest_end_step=31),
+        dict(curvature_rate_limit=0.0),
+    ],
+)
 def test_impossible_settings_are_refused(wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):
         jf.PlannerConfig(**wrong)
+
+
+@pytest.mark.parametrize("name", ["harm_model", "emergency"])
+def test_unknown_words_are_refused(name):
+    """Also where annotations are not checked."""
+    config = jf.PlannerConfig()
+    object.__setattr__(config, name, "gentle")
+    with pytest.raises(ValueError, match=rf"{name} is 'gentle': choose one of \w+, \w+"):
+        config.__post_init__()

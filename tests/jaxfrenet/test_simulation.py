@@ -126,6 +126,9 @@ def test_roll_out_is_the_sum_of_its_steps(world, config, drive, thing):
         np.testing.assert_allclose(state.ego.x, episode.ego.x[index + 1], atol=1e-4)
         np.testing.assert_allclose(report.cost, episode.reports.cost[index], rtol=1e-3)
         np.testing.assert_allclose(report.costs @ jf.CostWeights().values(), report.cost, rtol=1e-5)
+        np.testing.assert_allclose(report.ego_risk, episode.reports.ego_risk[index], rtol=1e-2)
+        np.testing.assert_allclose(report.third_party_risk, episode.reports.third_party_risk[index], rtol=1e-2)
+    assert 0.0 < np.max(episode.reports.ego_risk) <= 1.0 and 0.0 < np.max(episode.reports.third_party_risk) <= 1.0
     after_end = int(episode.steps)
     assert np.ptp(np.asarray(episode.ego.x)[after_end:]) == 0.0
     assert not np.asarray(episode.reports.costs)[after_end:].any()

@@ -47,6 +47,7 @@ def test_an_exported_scenario_reads_back_to_the_same_arrays(family: str) -> None
 
 def compare(scenario: jf.Scenario, read: jf.Scenario) -> None:
     sizes = sizes_of(scenario)
+    sizes["pieces"] = max(sizes["pieces"], sizes_of(read)["pieces"])  # cut anew; see test_lane_pieces.py
     assert all(size <= sizes[axis] for axis, size in sizes_of(read).items())
     assert abs(float(scenario.path.length) - float(read.path.length)) <= 1.0
     nodes = int(min(float(scenario.path.length), float(read.path.length)) / 0.25)
