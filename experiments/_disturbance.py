@@ -1,10 +1,13 @@
 """Generated and recorded traffic made less regular, so that a predictor learns what drivers do besides following lanes.
 
-Each vehicle passes its recorded places at other times (it brakes, stops, hurries), drives beside its line, and is
-measured with noise; nobody leaves the road, and how vehicles react to each other is kept only roughly.
+Each vehicle passes its recorded places at other times (it brakes, stops, stands, starts, hurries), drives beside its
+line, and may be measured with noise. Nobody leaves the road; reactions to others are kept only roughly, so that a
+predictor does not rely on all drivers reacting like the generator's.
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -14,15 +17,22 @@ from jaxfrenet._typing import Array
 
 KNOT_EVERY = 20
 """Steps between the knots of random speeds and offsets."""
-PACE_SPREAD = 0.35
-"""Standard deviation of the random pace, as a share of the recorded speed."""
-FASTEST_PACE = 1.6
-STOPPING = 0.15
-"""Share of vehicles that come to a stop somewhere."""
+SCENE_PACE = 0.4
+"""Spread of the logarithm of the pace that all vehicles of a scene share."""
+PACE_SPREAD = 0.4
+"""Standard deviation of each vehicle's pace over time, as a share of the recorded speed."""
+SLOWEST_PACE, FASTEST_PACE = 0.4, 2.2
+"""Range of the scene's pace; a vehicle's own adds to it."""
+STOPPING, STARTING, STANDING, GONE = 0.15, 0.12, 0.12, 0.15
+"""Shares of vehicles that stop, or start, somewhere, that stand, and that are left out."""
+LONGEST_RAMP = 60
+"""Most steps that stopping and starting take."""
 OFFSET_SPREAD = 0.35
 """Standard deviation of offsets from the recorded line [m]."""
-POSITION_NOISE, HEADING_NOISE, SPEED_NOISE = 0.04, 0.01, 0.15
+POSITION_NOISE, HEADING_NOISE, SPEED_NOISE = 0.06, 0.01, 0.2
 """Largest standard deviations of measurements [m], [rad], [m/s]."""
+NOISY = 0.5
+"""Share of scenes that are measured with noise at all."""
 
 
 def disturbed(key: Array, obstacles: jf.Obstacles, strength: Array) -> jf.Obstacles:
@@ -34,36 +44,47 @@ def disturbed(key: Array, obstacles: jf.Obstacles, strength: Array) -> jf.Obstac
       strength: `[]`, from 0 (as recorded) to 1.
     """
     count, steps = obstacles.valid.shape
-    keys = jax.random.split(key, 7)
-    strength = jnp.where(obstacles.static, 0.0, strength)[:, None]
-    pace = jnp.clip(1.0 + strength * PACE_SPREAD * _smooth(keys[0], count, steps), 0.0, FASTEST_PACE)
-    stops = jax.random.bernoulli(keys[1], STOPPING * strength[:, 0])
-    stop_at = jnp.where(stops, jax.random.uniform(keys[2], (count,), maxval=float(steps)), jnp.inf)
-    braking = jnp.clip((stop_at[:, None] - jnp.arange(steps, dtype=jnp.float32)) / 30.0 + 1.0, 0.0, 1.0)
-    pace = pace * braking
-    origin = jnp.argmax(obstacles.valid, axis=1)[:, None].astype(jnp.float32)
+    pace_key, offset_key, noise_key, gone_key = jax.random.split(key, 4)
+    per_vehicle = jnp.where(obstacles.static, 0.0, strength)[:, None]
+    pace = _pace(pace_key, per_vehicle, steps)
+    origin = jnp.argmax(obstacles.valid, axis=1)[:, None]
     passed = jnp.cumsum(pace, axis=1) - pace
-    time = passed - jnp.take_along_axis(passed, origin.astype(jnp.int32), axis=1) + origin
+    time = passed - jnp.take_along_axis(passed, origin, axis=1) + origin.astype(jnp.float32)
     moved = _at_times(obstacles, time, pace)
-    offset = strength * OFFSET_SPREAD * _smooth(keys[3], count, steps)
+    offset = per_vehicle * OFFSET_SPREAD * _smooth(offset_key, count, steps)
     drift = jnp.diff(offset, axis=1, append=offset[:, -1:]) / jf.DT
     normal = jnp.stack([-jnp.sin(moved.heading), jnp.cos(moved.heading)], axis=-1)
-    along = jnp.maximum(moved.speed, 2.0)
-    share = jnp.clip(moved.speed / 2.0, 0.0, 1.0)
-    return jf.Obstacles(
+    turned = jnp.clip(moved.speed / 2.0, 0.0, 1.0) * jnp.arctan(drift / jnp.maximum(moved.speed, 2.0))
+    noisy, *keys = jax.random.split(noise_key, 4)
+    noise = jnp.where(jax.random.bernoulli(noisy, NOISY), per_vehicle, 0.0)
+    gone = jax.random.bernoulli(gone_key, GONE * per_vehicle)
+    return replace(
+        obstacles,
         position=moved.position
         + offset[..., None] * normal
-        + (strength * POSITION_NOISE)[..., None] * jax.random.normal(keys[4], (count, steps, 2)),
-        heading=moved.heading
-        + share * jnp.arctan(drift / along)
-        + strength * HEADING_NOISE * jax.random.normal(keys[5], (count, steps)),
-        speed=moved.speed + strength * SPEED_NOISE * jax.random.normal(keys[6], (count, steps)),
-        valid=moved.valid,
-        length=obstacles.length,
-        width=obstacles.width,
-        kind=obstacles.kind,
-        static=obstacles.static,
+        + (noise * POSITION_NOISE)[..., None] * jax.random.normal(keys[0], (count, steps, 2)),
+        heading=moved.heading + turned + noise * HEADING_NOISE * jax.random.normal(keys[1], (count, steps)),
+        speed=moved.speed + noise * SPEED_NOISE * jax.random.normal(keys[2], (count, steps)),
+        valid=moved.valid & ~gone,
     )
+
+
+def _pace(key: Array, strength: Array, steps: int) -> Array:
+    """How fast each vehicle passes its record, `[vehicles, steps]`: the scene's pace, its own, stops and starts."""
+    count = strength.shape[0]
+    scene, own, level, event, when, ramp = jax.random.split(key, 6)
+    shared = jnp.exp(strength * SCENE_PACE * jax.random.normal(scene))
+    spread = strength * PACE_SPREAD * jax.random.uniform(level, (count, 1))
+    pace = jnp.clip(shared, SLOWEST_PACE, FASTEST_PACE) * jnp.maximum(1.0 + spread * _smooth(own, count, steps), 0.0)
+    event = jax.random.uniform(event, (count, 1))
+    after = jnp.arange(steps, dtype=jnp.float32) - jax.random.uniform(when, (count, 1), maxval=float(steps))
+    share = jnp.clip(after / jax.random.uniform(ramp, (count, 1), minval=15.0, maxval=float(LONGEST_RAMP)), 0.0, 1.0)
+    stops, starts = STOPPING * strength, (STOPPING + STARTING) * strength
+    stands = (STOPPING + STARTING + STANDING) * strength
+    factor = jnp.where(
+        event < stops, 1.0 - share, jnp.where(event < starts, share, jnp.where(event < stands, 0.0, 1.0))
+    )
+    return pace * factor
 
 
 def _smooth(key: Array, count: int, steps: int) -> Array:
@@ -92,13 +113,10 @@ def _at_times(obstacles: jf.Obstacles, time: Array, pace: Array) -> jf.Obstacles
     turn = heading[1] - heading[0]
     turn = turn - 2 * jnp.pi * jnp.round(turn / (2 * jnp.pi))
     valid = at(obstacles.valid, lower) & at(obstacles.valid, upper) & (time >= 0.0) & (time <= last)
-    return jf.Obstacles(
+    return replace(
+        obstacles,
         position=position[0] + weight[..., None] * (position[1] - position[0]),
         heading=heading[0] + weight * turn,
         speed=pace * (speed[0] + weight * (speed[1] - speed[0])),
         valid=valid,
-        length=obstacles.length,
-        width=obstacles.width,
-        kind=obstacles.kind,
-        static=obstacles.static,
     )

@@ -33,8 +33,8 @@ WARM_UP = 500
 """Steps over which the learning rate rises."""
 SHORTENED = 0.3
 """Share of training scenes of which only part of the past is seen."""
-REGULAR = 0.5
-"""Share of training scenes that are left as they were recorded; see `experiments._disturbance`."""
+REGULAR_FILES, REGULAR_GENERATED = 0.85, 0.35
+"""Shares of training scenes that are left as they were recorded or generated; see `experiments._disturbance`."""
 UNKNOWN = 0.1
 """Share of obstacles whose kind is not told, and of scenes without lanes."""
 ERROR_WEIGHT = 1.0
@@ -45,8 +45,10 @@ FILES_WEIGHT = 3.0
 """Files are drawn so many times as often as each kind of generated scenarios."""
 AVERAGING = 0.999
 """Share of the moving average that a step keeps."""
-CALIBRATED = 0.92
+CALIBRATED = 0.94
 """Probability of the ellipse that covariances are scaled for."""
+SCALES = 0.4, 2.5
+"""Range of the scales."""
 SMOOTHING = 3
 """The scales are averaged over so many steps to each side."""
 END = 29
@@ -59,7 +61,7 @@ LEAST_FUTURE = 5
 class TrainPredictorOptions:
     """Train the neural predictor: predictor.npz (the best on held-out scenarios), metrics.jsonl, checkpoints."""
 
-    generate: int = 500
+    generate: int = 1500
     """How many scenarios to generate of every kind."""
     kinds: tuple[str, ...] = ()
     """Kinds to generate, each FAMILY or FAMILY:PRESET, for example tjunction:hard; all where none is named."""
@@ -67,7 +69,7 @@ class TrainPredictorOptions:
     """Seed of the generated scenarios."""
     scenarios: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="PATH...")] = ()
     """CommonRoad files, folders or archives of them, or .npz sets, to train on as well."""
-    steps: int = 30000
+    steps: int = 20000
     """Training steps."""
     batch: int = 48
     """Scenes in one step; all their obstacles are predicted."""
@@ -89,6 +91,8 @@ class Group(NamedTuple):
     name: str
     weight: float
     """How often it is drawn, relative to others."""
+    regular: float
+    """Share of its training scenes that are left as they are."""
     train: Traffic
     held_out: Traffic
 
@@ -96,6 +100,15 @@ class Group(NamedTuple):
     def count(self) -> int:
         """Scenarios to train on."""
         return len(self.train.obstacles.length)
+
+
+class Sampling(NamedTuple):
+    """How training scenes are drawn; `[scenarios]` each."""
+
+    chances: Array
+    """Cumulative."""
+    regular: Array
+    """Share that is left as it is."""
 
 
 class TrainingState(NamedTuple):
@@ -120,7 +133,7 @@ def train_predictor(options: TrainPredictorOptions) -> None:
     _settle_config(folder, options)
     groups = _groups(options)
     traffic = joined([group.train for group in groups])
-    chances = np.concatenate([np.full(group.count, group.weight / group.count) for group in groups])
+    sampling = _sampling(groups)
     optimizer = _optimizer(options)
     run = jax.jit(partial(_train_chunk, options, optimizer))
     state = _first_state(options, optimizer, traffic)
@@ -132,7 +145,7 @@ def train_predictor(options: TrainPredictorOptions) -> None:
             _forget_later_metrics(folder, int(state.step))
         with tqdm(total=options.steps, initial=int(state.step), desc="training", unit=" steps") as bar:
             while int(state.step) < options.steps:
-                state, losses = run(state, traffic, jnp.cumsum(jnp.asarray(chances / chances.sum(), jnp.float32)))
+                state, losses = run(state, traffic, sampling)
                 loss = float(jnp.mean(losses))
                 if not np.isfinite(loss):
                     raise UserError(f"the loss is {loss} before step {int(state.step)}; lower --learning-rate")
@@ -146,6 +159,12 @@ def train_predictor(options: TrainPredictorOptions) -> None:
     rows = [(name, f"{fde:.2f} m") for name, (_, fde) in _losses(best, groups).items()]
     print_table(rows, "mean distance after 3 s, held-out scenarios")
     print(f"written to {folder / 'predictor.npz'}; `evaluate_predictor` tells more")
+
+
+def _sampling(groups: list[Group]) -> Sampling:
+    chances = np.cumsum(np.concatenate([np.full(group.count, group.weight / group.count) for group in groups]))
+    regular = np.concatenate([np.full(group.count, group.regular) for group in groups])
+    return Sampling(jnp.asarray(chances, jnp.float32), jnp.asarray(regular, jnp.float32))
 
 
 def _check(options: TrainPredictorOptions) -> None:
@@ -180,19 +199,19 @@ def _groups(options: TrainPredictorOptions) -> list[Group]:
     """What there is to learn from, a tenth of it held out."""
     groups = []
     if options.scenarios:
-        groups.append(_divided("files", FILES_WEIGHT, Dataset.from_set(load_files(options.scenarios))))
+        groups.append(_divided("files", FILES_WEIGHT, REGULAR_FILES, Dataset.from_set(load_files(options.scenarios))))
     draws = named_draws(options.kinds, options.generate, options.generator_seed) if options.generate else {}
     for name, draw in tqdm(draws.items(), desc="generating", unit=" kinds", delay=2.0):
-        groups.append(_divided(name, 1.0, Dataset.from_generator(draw)))
+        groups.append(_divided(name, 1.0, REGULAR_GENERATED, Dataset.from_generator(draw)))
     return groups
 
 
-def _divided(name: str, weight: float, dataset: Dataset) -> Group:
+def _divided(name: str, weight: float, regular: float, dataset: Dataset) -> Group:
     parts = dataset.split(shares=(0.8, 0.1, 0.1))
     train = (*parts.train.scenarios, *parts.test.scenarios)
     if not train or not len(parts.validation):
         raise UserError(f"{name}: {len(dataset)} scenarios are too few to hold some out; give more")
-    return Group(name, weight, traffic_of(train), traffic_of(parts.validation.scenarios))
+    return Group(name, weight, regular, traffic_of(train), traffic_of(parts.validation.scenarios))
 
 
 def _optimizer(options: TrainPredictorOptions) -> optax.GradientTransformation:
@@ -215,13 +234,13 @@ def _train_chunk(
     optimizer: optax.GradientTransformation,
     state: TrainingState,
     traffic: Traffic,
-    chances: Array,
+    sampling: Sampling,
 ) -> tuple[TrainingState, Array]:
     """`CHUNK` training steps; the losses `[CHUNK]`. What a step draws depends on its number alone."""
 
     def train_step(state: TrainingState, _: None) -> tuple[TrainingState, Array]:
         key = jax.random.fold_in(jax.random.key(options.seed), state.step)
-        loss = partial(_loss, key=key, traffic=traffic, chances=chances, batch=options.batch)
+        loss = partial(_loss, key=key, traffic=traffic, sampling=sampling, batch=options.batch)
         value, gradient = jax.value_and_grad(loss)(state.parameters)
         with jax.numpy_dtype_promotion("standard"):  # optax multiplies floats by step counts
             updates, optimizer_state = optimizer.update(gradient, state.optimizer, state.parameters)
@@ -233,19 +252,20 @@ def _train_chunk(
     return jax.lax.scan(train_step, state, None, CHUNK)
 
 
-def _loss(parameters: neural.Parameters, key: Array, traffic: Traffic, chances: Array, batch: int) -> Array:
+def _loss(parameters: neural.Parameters, key: Array, traffic: Traffic, sampling: Sampling, batch: int) -> Array:
     """Mean over obstacles and steps of randomly drawn scenes."""
     which, when, past, others = jax.random.split(key, 4)
-    scene = traffic.at(jnp.searchsorted(chances, jax.random.uniform(which, (batch,)) * chances[-1]))
+    chosen = jnp.searchsorted(sampling.chances, jax.random.uniform(which, (batch,)) * sampling.chances[-1])
+    scene, regular = traffic.at(chosen), sampling.regular[chosen]
     steps = scene.obstacles.valid.shape[2]
     step = jax.random.randint(when, (batch,), 0, steps - LEAST_FUTURE)
     shortened, length = jax.random.uniform(past, (2, batch))
     first = jnp.where(shortened < SHORTENED, step - (30.0 * length).astype(jnp.int32), 0)
     draw = jax.random.split(others, batch)
 
-    def scores(one: Traffic, step: Array, first: Array, key: Array) -> tuple[Array, Array]:
+    def scores(one: Traffic, step: Array, first: Array, regular: Array, key: Array) -> tuple[Array, Array]:
         level, noise, kinds, lanes = jax.random.split(key, 4)
-        strength = jnp.maximum(jax.random.uniform(level) - REGULAR, 0.0) / (1.0 - REGULAR)
+        strength = jnp.maximum(jax.random.uniform(level) - regular, 0.0) / (1.0 - regular)
         obstacles = disturbed(noise, one.obstacles, strength)
         obstacles = jax.tree.map(lambda new, old: jnp.where(strength > 0.0, new, old), obstacles, one.obstacles)
         untold = jax.random.bernoulli(kinds, UNKNOWN, obstacles.kind.shape)
@@ -255,7 +275,7 @@ def _loss(parameters: neural.Parameters, key: Array, traffic: Traffic, chances: 
         found = score(prediction, obstacles, step)
         return jnp.sum(found.nll + ERROR_WEIGHT * found.error), jnp.sum(found.valid.astype(jnp.float32))
 
-    total, count = jax.vmap(scores)(scene, step, first, draw)
+    total, count = jax.vmap(scores)(scene, step, first, regular, draw)
     return jnp.sum(total) / jnp.maximum(jnp.sum(count), 1.0)
 
 
@@ -318,7 +338,7 @@ def _calibrated(parameters: neural.Parameters, groups: list[Group]) -> neural.Pa
         weights.append(np.full(len(distance), group.weight / max(np.sum(found.valid[..., 0]), 1)))
     every, weight = np.concatenate(distances), np.concatenate(weights)
     scale = np.array([_quantile(column, weight, CALIBRATED) for column in every.T]) / (-2.0 * np.log(1 - CALIBRATED))
-    padded = np.pad(np.log(np.clip(scale, 0.2, 5.0)), SMOOTHING, mode="edge")
+    padded = np.pad(np.log(np.clip(scale, *SCALES)), SMOOTHING, mode="edge")
     smooth = np.convolve(padded, np.full(2 * SMOOTHING + 1, 1.0 / (2 * SMOOTHING + 1)), mode="valid")
     return neural.calibrated(parameters, jnp.asarray(np.exp(smooth), jnp.float32))
 

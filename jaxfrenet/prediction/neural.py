@@ -34,6 +34,8 @@ LONGEST_HORIZON = 50
 """Most steps that can be predicted: 5 s."""
 SMALLEST_SIGMA, LARGEST_SIGMA = 0.02, 60.0
 """Range of a mode's standard deviations [m]."""
+ROUNDING = 1e-6
+"""Share of a covariance's trace added to its diagonal, so that it is positive definite in float32 as well."""
 SLOWEST = 1.0
 """Below this speed [m/s] motion across a path turns the heading less."""
 NETWORK = MotionNetwork()
@@ -78,6 +80,7 @@ def predict(
     modes: Modes = NETWORK.apply(parameters.network, seen)  # pyright: ignore[reportAssignmentType]
     mean, covariance, heading, speed = _moments(scene, lane_map, modes, horizon_steps)
     covariance = jax.lax.stop_gradient(parameters.scale)[:horizon_steps, None, None] * covariance
+    covariance = covariance + ROUNDING * jnp.trace(covariance, axis1=-2, axis2=-1)[..., None, None] * jnp.eye(2)
     still = obstacles.static | (obstacles.kind == ObstacleKind.PARKED_VEHICLE)
     valid = scene.present | obstacles.static
     still_covariance = STATIC_VARIANCE * jnp.eye(2)
