@@ -31,6 +31,7 @@ CHUNK = 50
 """Training steps in one call of the compiled program."""
 WARM_UP = 500
 """Steps over which the learning rate rises."""
+WEIGHT_DECAY = 0.03
 SHORTENED = 0.3
 """Share of training scenes of which only part of the past is seen."""
 REGULAR_FILES, REGULAR_GENERATED = 0.85, 0.35
@@ -45,12 +46,12 @@ FILES_WEIGHT = 3.0
 """Files are drawn so many times as often as each kind of generated scenarios."""
 AVERAGING = 0.999
 """Share of the moving average that a step keeps."""
-CALIBRATED = 0.94
+CALIBRATED = 0.9
 """Probability of the ellipse that covariances are scaled for."""
-SCALES = 0.4, 2.5
+SCALES = 0.2, 2.5
 """Range of the scales."""
-SMOOTHING = 3
-"""The scales are averaged over so many steps to each side."""
+LEAST_NEAR = 500
+"""Predictions of about a size from which its scale is taken; where there are fewer, it is 1."""
 END = 29
 """Distances are told for this step: 3 s."""
 LEAST_FUTURE = 5
@@ -69,13 +70,13 @@ class TrainPredictorOptions:
     """Seed of the generated scenarios."""
     scenarios: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="PATH...")] = ()
     """CommonRoad files, folders or archives of them, or .npz sets, to train on as well."""
-    steps: int = 20000
+    steps: int = 8000
     """Training steps."""
     batch: int = 48
     """Scenes in one step; all their obstacles are predicted."""
     learning_rate: float = 1.5e-3
     """Highest learning rate; it rises at first and then falls to 0."""
-    validate_every: int = 2500
+    validate_every: int = 1000
     """Steps between validations; a checkpoint is written with each."""
     seed: int = 0
     """Seed of everything random in training."""
@@ -154,7 +155,7 @@ def train_predictor(options: TrainPredictorOptions) -> None:
                 if int(state.step) % options.validate_every < CHUNK or int(state.step) >= options.steps:
                     state = _validated(folder, state, groups, loss)
                     manager.save(int(state.step), args=ocp.args.StandardSave(state))
-    best = _calibrated(state.best, groups)
+    best = _calibrated(options.seed, state.best, groups)
     neural.save_parameters(folder / "predictor.npz", best)
     rows = [(name, f"{fde:.2f} m") for name, (_, fde) in _losses(best, groups).items()]
     print_table(rows, "mean distance after 3 s, held-out scenarios")
@@ -217,7 +218,7 @@ def _divided(name: str, weight: float, regular: float, dataset: Dataset) -> Grou
 def _optimizer(options: TrainPredictorOptions) -> optax.GradientTransformation:
     warm_up = min(WARM_UP, options.steps // 2)
     rate = optax.warmup_cosine_decay_schedule(0.0, options.learning_rate, warm_up, options.steps)
-    return optax.chain(optax.clip_by_global_norm(1.0), optax.adam(rate))
+    return optax.chain(optax.clip_by_global_norm(1.0), optax.adamw(rate, weight_decay=WEIGHT_DECAY))
 
 
 def _first_state(
@@ -264,10 +265,8 @@ def _loss(parameters: neural.Parameters, key: Array, traffic: Traffic, sampling:
     draw = jax.random.split(others, batch)
 
     def scores(one: Traffic, step: Array, first: Array, regular: Array, key: Array) -> tuple[Array, Array]:
-        level, noise, kinds, lanes = jax.random.split(key, 4)
-        strength = jnp.maximum(jax.random.uniform(level) - regular, 0.0) / (1.0 - regular)
-        obstacles = disturbed(noise, one.obstacles, strength)
-        obstacles = jax.tree.map(lambda new, old: jnp.where(strength > 0.0, new, old), obstacles, one.obstacles)
+        drive, kinds, lanes = jax.random.split(key, 3)
+        obstacles = _disturbed_or_not(regular, drive, one.obstacles)
         untold = jax.random.bernoulli(kinds, UNKNOWN, obstacles.kind.shape)
         obstacles = replace(obstacles, kind=jnp.where(untold, jnp.int32(jf.ObstacleKind.UNKNOWN), obstacles.kind))
         lane_map = replace(one.lane_map, valid=one.lane_map.valid & ~jax.random.bernoulli(lanes, UNKNOWN))
@@ -277,6 +276,14 @@ def _loss(parameters: neural.Parameters, key: Array, traffic: Traffic, sampling:
 
     total, count = jax.vmap(scores)(scene, step, first, regular, draw)
     return jnp.sum(total) / jnp.maximum(jnp.sum(count), 1.0)
+
+
+def _disturbed_or_not(regular: Array | float, key: Array, obstacles: jf.Obstacles) -> jf.Obstacles:
+    """The obstacles of one scene, as they are with probability `regular`."""
+    level, drive = jax.random.split(key)
+    strength = jnp.maximum(jax.random.uniform(level) - regular, 0.0) / (1.0 - regular)
+    other = disturbed(drive, obstacles, strength)
+    return jax.tree.map(lambda new, old: jnp.where(strength > 0.0, new, old), other, obstacles)
 
 
 def _validated(folder: Path, state: TrainingState, groups: list[Group], train_loss: float) -> TrainingState:
@@ -307,48 +314,64 @@ def _losses(parameters: neural.Parameters, groups: list[Group]) -> dict[str, tup
     return {name: (float(nll), float(error)) for name, (nll, error) in found.items()}
 
 
-def _held_out_scores(parameters: neural.Parameters, traffic: Traffic) -> Scores:
-    """Of predictions made every `VALIDATION_EVERY` steps, `[scenarios, steps, obstacles, horizon]`."""
+@jax.jit
+def _validate(parameters: neural.Parameters, traffic: Traffic) -> tuple[Array, Array]:
+    found, _ = _predict_all(parameters, traffic)
+    count, ends = (jnp.sum(part.astype(jnp.float32)) for part in (found.valid, found.valid[..., END]))
+    return jnp.sum(found.nll) / jnp.maximum(count, 1.0), jnp.sum(found.error[..., END]) / jnp.maximum(ends, 1.0)
+
+
+def _predict_all(parameters: neural.Parameters, traffic: Traffic) -> tuple[Scores, Array]:
+    """Scores and logarithmic sizes of predictions at some times, `[scenarios, times, obstacles, steps]`."""
     steps = jnp.arange(0, traffic.obstacles.valid.shape[2] - LEAST_FUTURE, VALIDATION_EVERY)
 
-    def of(one: Traffic) -> Scores:
-        def at(step: Array) -> Scores:
+    def of(one: Traffic) -> tuple[Scores, Array]:
+        def at(step: Array) -> tuple[Scores, Array]:
             made = neural.predict(parameters, one.obstacles, one.lane_map, step, neural.LONGEST_HORIZON)
-            return score(made, one.obstacles, step)
+            return score(made, one.obstacles, step), neural.log_size(made.covariance)
 
         return jax.vmap(at)(steps)
 
     return jax.lax.map(of, traffic)
 
 
-@jax.jit
-def _validate(parameters: neural.Parameters, traffic: Traffic) -> tuple[Array, Array]:
-    found = _held_out_scores(parameters, traffic)
-    count, ends = (jnp.sum(part.astype(jnp.float32)) for part in (found.valid, found.valid[..., END]))
-    return jnp.sum(found.nll) / jnp.maximum(count, 1.0), jnp.sum(found.error[..., END]) / jnp.maximum(ends, 1.0)
+def _calibrated(seed: int, parameters: neural.Parameters, groups: list[Group]) -> neural.Parameters:
+    """The parameters with such scales that the ellipses of `CALIBRATED` hold that share of held-out positions.
+
+    Scales are found for each step and size, on held-out scenes that are disturbed as the training scenes are.
+    """
+    distances, sizes, steps, weights = [], [], [], []
+    for index, group in enumerate(groups):
+        keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), index), len(group.held_out.obstacles.length))
+        obstacles = jax.vmap(partial(_disturbed_or_not, group.regular))(keys, group.held_out.obstacles)
+        found, size = jax.device_get(jax.jit(_predict_all)(parameters, replace(group.held_out, obstacles=obstacles)))
+        distances.append(found.mahalanobis[found.valid])
+        sizes.append(size[found.valid])
+        steps.append(np.nonzero(found.valid)[-1] + 1)
+        weights.append(np.full(len(sizes[-1]), group.weight / max(len(sizes[-1]), 1)))
+    distance, size, step, weight = (np.concatenate(part).astype(float) for part in (distances, sizes, steps, weights))
+    near_step = [weight * _nearness(step, neural.STEPS, index) for index in range(len(neural.STEPS))]
+    near_size = [_nearness(size, np.log(neural.SIZES), index) for index in range(len(neural.SIZES))]
+    scale = [[_scale(distance, a * b) for b in near_size] for a in near_step]
+    return replace(parameters, scale=jnp.asarray(scale, jnp.float32))
 
 
-def _calibrated(parameters: neural.Parameters, groups: list[Group]) -> neural.Parameters:
-    """The parameters with covariances scaled, step by step, to hold `CALIBRATED` of the held-out positions."""
-    distances, weights = [], []
-    for group in groups:
-        found = jax.device_get(jax.jit(_held_out_scores)(parameters, group.held_out))
-        distance = np.where(found.valid, found.mahalanobis, np.nan).reshape(-1, neural.LONGEST_HORIZON)
-        distances.append(distance)
-        weights.append(np.full(len(distance), group.weight / max(np.sum(found.valid[..., 0]), 1)))
-    every, weight = np.concatenate(distances), np.concatenate(weights)
-    scale = np.array([_quantile(column, weight, CALIBRATED) for column in every.T]) / (-2.0 * np.log(1 - CALIBRATED))
-    padded = np.pad(np.log(np.clip(scale, *SCALES)), SMOOTHING, mode="edge")
-    smooth = np.convolve(padded, np.full(2 * SMOOTHING + 1, 1.0 / (2 * SMOOTHING + 1)), mode="valid")
-    return neural.calibrated(parameters, jnp.asarray(np.exp(smooth), jnp.float32))
+def _nearness(values: np.ndarray, knots: np.ndarray, index: int) -> np.ndarray:
+    """Share that a knot has in each value when knots are interpolated linearly."""
+    return np.interp(values, knots, np.eye(len(knots))[index])
+
+
+def _scale(distance: np.ndarray, weight: np.ndarray) -> float:
+    """By which covariances are multiplied to hold `CALIBRATED` of the squared Mahalanobis distances."""
+    if np.count_nonzero(weight) < LEAST_NEAR:
+        return 1.0
+    return float(np.clip(_quantile(distance, weight, CALIBRATED) / (-2.0 * np.log(1 - CALIBRATED)), *SCALES))
 
 
 def _quantile(values: np.ndarray, weight: np.ndarray, share: float) -> float:
-    """Of the values that are not NaN."""
-    known = np.isfinite(values)
-    order = np.argsort(values[known])
-    total = np.cumsum(weight[known][order])
-    return float(values[known][order][np.searchsorted(total, share * total[-1])])
+    order = np.argsort(values)
+    total = np.cumsum(weight[order])
+    return float(values[order][np.searchsorted(total, share * total[-1])])
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -34,6 +34,10 @@ LONGEST_HORIZON = 50
 """Most steps that can be predicted: 5 s."""
 SMALLEST_SIGMA, LARGEST_SIGMA = 0.02, 60.0
 """Range of a mode's standard deviations [m]."""
+SIZES = np.geomspace(0.01, 10.24, 11)
+"""Sizes of Gaussians, the geometric mean of their two standard deviations [m], at which covariances are calibrated."""
+STEPS = np.array([1, 10, 20, 30, 40, 50])
+"""Steps ahead at which they are."""
 ROUNDING = 1e-6
 """Share of a covariance's trace added to its diagonal, so that it is positive definite in float32 as well."""
 SLOWEST = 1.0
@@ -47,8 +51,8 @@ class Parameters:
 
     network: Any
     """Parameters of `NETWORK`, a pytree."""
-    scale: Float[Array, "horizon"]
-    """`[LONGEST_HORIZON]`, factors of the covariances, from calibration."""
+    scale: Float[Array, "steps sizes"]
+    """`[len(STEPS), len(SIZES)]`, factors of covariances at these steps and sizes, from calibration."""
 
 
 def predict(
@@ -79,7 +83,7 @@ def predict(
     scene, seen = observe(obstacles, lane_map, step, first_step)
     modes: Modes = NETWORK.apply(parameters.network, seen)  # pyright: ignore[reportAssignmentType]
     mean, covariance, heading, speed = _moments(scene, lane_map, modes, horizon_steps)
-    covariance = jax.lax.stop_gradient(parameters.scale)[:horizon_steps, None, None] * covariance
+    covariance = _calibrated(parameters.scale, covariance)
     covariance = covariance + ROUNDING * jnp.trace(covariance, axis1=-2, axis2=-1)[..., None, None] * jnp.eye(2)
     still = obstacles.static | (obstacles.kind == ObstacleKind.PARKED_VEHICLE)
     valid = scene.present | obstacles.static
@@ -127,6 +131,23 @@ def _moments(scene: Scene, lane_map: LaneMap, modes: Modes, steps: int) -> tuple
     return scene.position[:, None] + mean, covariance, heading, velocity
 
 
+def _calibrated(scale: Array, covariance: Array) -> Array:
+    """Covariances `[obstacles, steps, 2, 2]` multiplied by a factor for their step and size; it is not trained."""
+    steps = covariance.shape[1]
+    shares = np.array([np.interp(np.arange(1, steps + 1), STEPS, row) for row in np.eye(len(STEPS))])
+    of_step = jnp.asarray(shares.T, jnp.float32) @ jax.lax.stop_gradient(scale)
+    at = jnp.asarray(np.log(SIZES), jnp.float32)
+    interpolated = jax.vmap(jnp.interp, in_axes=(1, None, 0), out_axes=1)
+    factor = interpolated(log_size(jax.lax.stop_gradient(covariance)), at, of_step)
+    return factor[..., None, None] * covariance
+
+
+def log_size(covariance: Float[Array, "*shape 2 2"]) -> Float[Array, "*shape"]:
+    """Logarithm of a Gaussian's size, the geometric mean of its two standard deviations [m]."""
+    determinant = covariance[..., 0, 0] * covariance[..., 1, 1] - covariance[..., 0, 1] ** 2
+    return 0.25 * jnp.log(jnp.maximum(determinant, 1e-12))
+
+
 def _with_straight(of_paths: Array, of_straight: float) -> Array:
     return jnp.pad(of_paths, ((0, 0), (0, 1)), constant_values=of_straight)
 
@@ -170,12 +191,7 @@ def _covariance(modes: Modes, tangent: Array, normal: Array, steps: int) -> Floa
 def initial_parameters(key: Array, obstacles: Obstacles, lane_map: LaneMap) -> Parameters:
     """Random parameters for training; the obstacles and lanes of any scenario give the shapes."""
     network = NETWORK.init(key, observe(obstacles, lane_map, jnp.int32(0))[1])
-    return Parameters(network, jnp.ones(LONGEST_HORIZON))
-
-
-def calibrated(parameters: Parameters, scale: Float[Array, "horizon"]) -> Parameters:
-    """The parameters with covariances multiplied by these factors, `[LONGEST_HORIZON]`."""
-    return Parameters(parameters.network, parameters.scale * scale)
+    return Parameters(network, jnp.ones((len(STEPS), len(SIZES))))
 
 
 def save_parameters(path: str | Path, parameters: Parameters) -> None:

@@ -146,6 +146,16 @@ def test_scores_are_those_of_scipy(scenario):
     assert not np.asarray(found.error)[~valid].any() and sums.histogram.sum() == valid.sum()
 
 
+def test_calibration_finds_the_factor_that_is_missing():
+    rng = np.random.default_rng(0)
+    distance, weight = rng.chisquare(2, 20000), rng.uniform(0.5, 1.5, 20000)
+    assert train_predictor._scale(1.7 * distance, weight) == pytest.approx(1.7, rel=0.03)
+    assert train_predictor._scale(100.0 * distance, weight) == train_predictor.SCALES[1]
+    assert train_predictor._scale(1.7 * distance[:400], weight[:400]) == 1.0
+    of_knots = [train_predictor._nearness(np.array([0.0, 1.5, 2.0, 9.0]), np.arange(1, 4), i) for i in range(3)]
+    np.testing.assert_allclose(np.array(of_knots), [[1, 0.5, 0, 0], [0, 0.5, 1, 0], [0, 0, 0, 1]])
+
+
 def test_disturbed_traffic_stays_near_its_lines(scenario):
     obstacles = scenario.obstacles
     static = obstacles.static.at[0].set(True)

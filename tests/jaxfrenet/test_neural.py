@@ -204,6 +204,24 @@ def test_the_table_is_used_only_by_the_neural_predictor(config, traffic):
     assert np.abs(jf.predict(neural_config, tabled, *where).mean[0] - tabled.obstacles.position[0, 21]).max() > 50
 
 
+def test_calibration_scales_covariances_by_step_and_size(traffic):
+    plain = dataclasses.replace(neural.default_parameters(), scale=jnp.ones((len(neural.STEPS), len(neural.SIZES))))
+    chosen = jnp.where(jnp.asarray(neural.STEPS)[:, None] <= 10, 4.0, 1.0) * plain.scale
+    chosen = chosen.at[-1].set(jnp.asarray(np.geomspace(0.5, 2.0, len(neural.SIZES)), jnp.float32))
+    predict = jax.jit(neural.predict, static_argnums=4)
+    arguments = traffic.obstacles, traffic.lane_map, jnp.int32(25), HORIZON
+    before, after = predict(plain, *arguments), predict(dataclasses.replace(plain, scale=chosen), *arguments)
+    np.testing.assert_array_equal(before.mean, after.mean)
+    factor = np.asarray(after.covariance[0, :, 0, 0] / before.covariance[0, :, 0, 0])
+    np.testing.assert_allclose(factor[:10], 4.0, rtol=1e-4)
+    np.testing.assert_allclose(factor[14], 2.5, rtol=1e-4)
+    np.testing.assert_allclose(factor[19:40], 1.0, rtol=1e-4)
+    size = np.linalg.det(np.asarray(before.covariance[0, -1], float)) ** 0.25
+    expected = np.interp(np.log(size), np.log(neural.SIZES), np.geomspace(0.5, 2.0, len(neural.SIZES)))
+    np.testing.assert_allclose(factor[-1], expected, rtol=2e-3)
+    np.testing.assert_allclose(after.covariance[2], before.covariance[2])
+
+
 def modes(logit, along, across, spread) -> Modes:
     """One obstacle; the given modes are the straight one and the last lane paths, the others have no weight."""
     rest = PATHS + 1 - len(logit)
