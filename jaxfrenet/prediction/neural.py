@@ -83,7 +83,7 @@ def predict(
     scene, seen = observe(obstacles, lane_map, step, first_step)
     modes: Modes = NETWORK.apply(parameters.network, seen)  # pyright: ignore[reportAssignmentType]
     mean, covariance, heading, speed = _moments(scene, lane_map, modes, horizon_steps)
-    covariance = _calibrated(parameters.scale, covariance)
+    covariance = _calibrated(jnp.asarray(parameters.scale), covariance)
     covariance = covariance + ROUNDING * jnp.trace(covariance, axis1=-2, axis2=-1)[..., None, None] * jnp.eye(2)
     still = obstacles.static | (obstacles.kind == ObstacleKind.PARKED_VEHICLE)
     valid = scene.present | obstacles.static
