@@ -16,6 +16,12 @@ from jaxfrenet._typing import Array, Bool, Float
 from scenarios.batching import FILL
 
 
+LEVELS = (0.5, 0.9, 0.99)
+"""Probabilities of the ellipses in which true positions are counted."""
+BINS = 50
+"""Bins of the probability of the ellipse through the true position, which is uniform for calibrated predictions."""
+
+
 @pytree_dataclass
 class Traffic:
     """What predictors see of scenarios, as one batch."""
@@ -89,12 +95,6 @@ def score(prediction: jf.Prediction, obstacles: jf.Obstacles, step: Array) -> Sc
         mahalanobis=jnp.where(valid, mahalanobis, 0.0),
         valid=valid,
     )
-
-
-LEVELS = (0.5, 0.9, 0.99)
-"""Probabilities of the ellipses in which true positions are counted."""
-BINS = 50
-"""Bins of the probability of the ellipse through the true position, which is uniform for calibrated predictions."""
 
 
 @pytree_dataclass

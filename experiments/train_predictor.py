@@ -32,6 +32,7 @@ CHUNK = 50
 WARM_UP = 500
 """Steps over which the learning rate rises."""
 WEIGHT_DECAY = 0.03
+"""Of AdamW."""
 SHORTENED = 0.3
 """Share of training scenes of which only part of the past is seen."""
 REGULAR_FILES, REGULAR_GENERATED = 0.85, 0.35
@@ -46,7 +47,7 @@ FILES_WEIGHT = 3.0
 """Files are drawn so many times as often as each kind of generated scenarios."""
 AVERAGING = 0.999
 """Share of the moving average that a step keeps."""
-CALIBRATED = 0.9
+CALIBRATED = 0.92
 """Probability of the ellipse that covariances are scaled for."""
 SCALES = 0.2, 2.5
 """Range of the scales."""
@@ -113,14 +114,15 @@ class Sampling(NamedTuple):
 
 
 class TrainingState(NamedTuple):
-    """All that training goes on from; parameters are `neural.Parameters`."""
+    """All that training goes on from."""
 
-    parameters: Any
+    network: Any
+    """Parameters of `neural.NETWORK`."""
     optimizer: Any
     step: Array
     """`[]`, steps done."""
     average: Any
-    """Moving average of the parameters, which is what is validated and kept."""
+    """Moving average of the network, which is what is validated and kept."""
     best: Any
     """The average that was the best on held-out scenarios."""
     best_loss: Array
@@ -225,9 +227,8 @@ def _first_state(
     options: TrainPredictorOptions, optimizer: optax.GradientTransformation, traffic: Traffic
 ) -> TrainingState:
     one = traffic.at(jnp.int32(0))
-    parameters: Any = neural.initial_parameters(jax.random.key(options.seed), one.obstacles, one.lane_map)
-    start = optimizer.init(parameters), jnp.int32(0), parameters, parameters
-    return TrainingState(parameters, *start, jnp.float32(jnp.inf))
+    network = neural.initial_network(jax.random.key(options.seed), one.obstacles, one.lane_map)
+    return TrainingState(network, optimizer.init(network), jnp.int32(0), network, network, jnp.float32(jnp.inf))
 
 
 def _train_chunk(
@@ -242,18 +243,18 @@ def _train_chunk(
     def train_step(state: TrainingState, _: None) -> tuple[TrainingState, Array]:
         key = jax.random.fold_in(jax.random.key(options.seed), state.step)
         loss = partial(_loss, key=key, traffic=traffic, sampling=sampling, batch=options.batch)
-        value, gradient = jax.value_and_grad(loss)(state.parameters)
+        value, gradient = jax.value_and_grad(loss)(state.network)
         with jax.numpy_dtype_promotion("standard"):  # optax multiplies floats by step counts
-            updates, optimizer_state = optimizer.update(gradient, state.optimizer, state.parameters)
-        parameters = optax.apply_updates(state.parameters, updates)
+            updates, optimizer_state = optimizer.update(gradient, state.optimizer, state.network)
+        network = optax.apply_updates(state.network, updates)
         keep = jnp.minimum(AVERAGING, state.step.astype(jnp.float32) / (state.step.astype(jnp.float32) + 10.0))
-        average = jax.tree.map(lambda old, new: keep * old + (1.0 - keep) * new, state.average, parameters)
-        return TrainingState(parameters, optimizer_state, state.step + 1, average, state.best, state.best_loss), value
+        average = jax.tree.map(lambda old, new: keep * old + (1.0 - keep) * new, state.average, network)
+        return TrainingState(network, optimizer_state, state.step + 1, average, state.best, state.best_loss), value
 
     return jax.lax.scan(train_step, state, None, CHUNK)
 
 
-def _loss(parameters: neural.Parameters, key: Array, traffic: Traffic, sampling: Sampling, batch: int) -> Array:
+def _loss(network: Any, key: Array, traffic: Traffic, sampling: Sampling, batch: int) -> Array:
     """Mean over obstacles and steps of randomly drawn scenes."""
     which, when, past, others = jax.random.split(key, 4)
     chosen = jnp.searchsorted(sampling.chances, jax.random.uniform(which, (batch,)) * sampling.chances[-1])
@@ -270,6 +271,7 @@ def _loss(parameters: neural.Parameters, key: Array, traffic: Traffic, sampling:
         untold = jax.random.bernoulli(kinds, UNKNOWN, obstacles.kind.shape)
         obstacles = replace(obstacles, kind=jnp.where(untold, jnp.int32(jf.ObstacleKind.UNKNOWN), obstacles.kind))
         lane_map = replace(one.lane_map, valid=one.lane_map.valid & ~jax.random.bernoulli(lanes, UNKNOWN))
+        parameters = neural.uncalibrated(network)
         prediction = neural.predict(parameters, obstacles, lane_map, step, neural.LONGEST_HORIZON, first)
         found = score(prediction, obstacles, step)
         return jnp.sum(found.nll + ERROR_WEIGHT * found.error), jnp.sum(found.valid.astype(jnp.float32))
@@ -288,7 +290,7 @@ def _disturbed_or_not(regular: Array | float, key: Array, obstacles: jf.Obstacle
 
 def _validated(folder: Path, state: TrainingState, groups: list[Group], train_loss: float) -> TrainingState:
     """The state with the best parameters up to now; adds a line to the metrics."""
-    losses = _losses(state.average, groups)
+    losses = _losses(neural.uncalibrated(state.average), groups)
     loss = float(np.mean([nll + ERROR_WEIGHT * fde for nll, fde in losses.values()]))
     line = {"step": int(state.step), "train_loss": round(train_loss, 4), "loss": round(loss, 4)}
     for name, (nll, fde) in losses.items():
@@ -335,11 +337,12 @@ def _predict_all(parameters: neural.Parameters, traffic: Traffic) -> tuple[Score
     return jax.lax.map(of, traffic)
 
 
-def _calibrated(seed: int, parameters: neural.Parameters, groups: list[Group]) -> neural.Parameters:
-    """The parameters with such scales that the ellipses of `CALIBRATED` hold that share of held-out positions.
+def _calibrated(seed: int, network: Any, groups: list[Group]) -> neural.Parameters:
+    """The network with such scales that the ellipses of `CALIBRATED` hold that share of held-out positions.
 
     Scales are found for each step and size, on held-out scenes that are disturbed as the training scenes are.
     """
+    parameters = neural.uncalibrated(network)
     distances, sizes, steps, weights = [], [], [], []
     for index, group in enumerate(groups):
         keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), index), len(group.held_out.obstacles.length))

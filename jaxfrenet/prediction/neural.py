@@ -132,10 +132,10 @@ def _moments(scene: Scene, lane_map: LaneMap, modes: Modes, steps: int) -> tuple
 
 
 def _calibrated(scale: Array, covariance: Array) -> Array:
-    """Covariances `[obstacles, steps, 2, 2]` multiplied by a factor for their step and size; it is not trained."""
+    """Covariances `[obstacles, steps, 2, 2]` multiplied by a factor for their step and size."""
     steps = covariance.shape[1]
     shares = np.array([np.interp(np.arange(1, steps + 1), STEPS, row) for row in np.eye(len(STEPS))])
-    of_step = jnp.asarray(shares.T, jnp.float32) @ jax.lax.stop_gradient(scale)
+    of_step = jnp.asarray(shares.T, jnp.float32) @ scale
     at = jnp.asarray(np.log(SIZES), jnp.float32)
     interpolated = jax.vmap(jnp.interp, in_axes=(1, None, 0), out_axes=1)
     factor = interpolated(log_size(jax.lax.stop_gradient(covariance)), at, of_step)
@@ -188,9 +188,13 @@ def _covariance(modes: Modes, tangent: Array, normal: Array, steps: int) -> Floa
     return times(along**2, outer(tangent, tangent)) + times(across**2, outer(normal, normal)) + times(mixed, crossed)
 
 
-def initial_parameters(key: Array, obstacles: Obstacles, lane_map: LaneMap) -> Parameters:
-    """Random parameters for training; the obstacles and lanes of any scenario give the shapes."""
-    network = NETWORK.init(key, observe(obstacles, lane_map, jnp.int32(0))[1])
+def initial_network(key: Array, obstacles: Obstacles, lane_map: LaneMap) -> Any:
+    """Random parameters of `NETWORK` for training; the obstacles and lanes of any scenario give the shapes."""
+    return NETWORK.init(key, observe(obstacles, lane_map, jnp.int32(0))[1])
+
+
+def uncalibrated(network: Any) -> Parameters:
+    """Parameters of `NETWORK` with covariances as they come from it."""
     return Parameters(network, jnp.ones((len(STEPS), len(SIZES))))
 
 
@@ -238,7 +242,7 @@ def _parameter_shapes() -> Parameters:
     """Shapes of the network's parameters; no array is made."""
 
     def made(key: Array) -> Parameters:
-        return initial_parameters(key, *_nothing())
+        return uncalibrated(initial_network(key, *_nothing()))
 
     return jax.eval_shape(made, jax.random.key(0))
 
