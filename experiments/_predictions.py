@@ -15,7 +15,6 @@ from jaxfrenet._pytree import pytree_dataclass
 from jaxfrenet._typing import Array, Bool, Float
 from scenarios.batching import FILL
 
-
 LEVELS = (0.5, 0.9, 0.99)
 """Probabilities of the ellipses in which true positions are counted."""
 BINS = 50
