@@ -172,7 +172,7 @@ def test_disturbed_traffic_stays_near_its_lines(scenario):
         places = new.position[index][new.valid[index]]
         away = np.linalg.norm(places[:, None] - line, axis=-1).min(axis=1)
         assert np.quantile(away, 0.9) < 1.5
-        moved = np.linalg.norm(np.diff(places, axis=0), axis=1).sum()
+        moved = np.linalg.norm(np.diff(places[::10], axis=0), axis=1).sum()  # noise adds up between all
         driven = 0.1 * np.abs(new.speed[index][new.valid[index]]).sum()
         assert driven == pytest.approx(moved, rel=0.35, abs=6.0)
         changed = max(changed, float(np.abs(new.position[index] - old.position[index]).max()))

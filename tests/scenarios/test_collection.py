@@ -81,7 +81,7 @@ def test_npz_of_another_version(tmp_path, both, monkeypatch, version):
     monkeypatch.setattr("scenarios.storage.VERSION", version)
     scenarios.save_npz(tmp_path / "set.npz", both)
     monkeypatch.undo()
-    with pytest.raises(scenarios.ScenarioError, match=f"format version {version}, this release reads 2"):
+    with pytest.raises(scenarios.ScenarioError, match=f"format version {version}, this release reads 3"):
         scenarios.load_npz(tmp_path / "set.npz")
 
 
