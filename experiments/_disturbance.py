@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 
 import jaxfrenet as jf
+from jaxfrenet._angles import wrapped
 from jaxfrenet._typing import Array
 
 KNOT_EVERY = 20
@@ -110,8 +111,7 @@ def _at_times(obstacles: jf.Obstacles, time: Array, pace: Array) -> jf.Obstacles
     position = at(obstacles.position, lower), at(obstacles.position, upper)
     heading = at(obstacles.heading, lower), at(obstacles.heading, upper)
     speed = at(obstacles.speed, lower), at(obstacles.speed, upper)
-    turn = heading[1] - heading[0]
-    turn = turn - 2 * jnp.pi * jnp.round(turn / (2 * jnp.pi))
+    turn = wrapped(heading[1] - heading[0])
     valid = at(obstacles.valid, lower) & at(obstacles.valid, upper) & (time >= 0.0) & (time <= last)
     return replace(
         obstacles,

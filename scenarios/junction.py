@@ -10,6 +10,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
+from jaxfrenet._angles import wrapped
 from jaxfrenet._pytree import pytree_dataclass
 from jaxfrenet._typing import Array, Float
 from scenarios.lanelet_map import LaneletLinks
@@ -74,7 +75,7 @@ class JunctionLines:
 def junction_lines(junction: Junction) -> JunctionLines:
     """All centre lines of a junction."""
     count = junction.angle.shape[0]
-    turn = _wrapped(junction.angle[None, :] - junction.angle[:, None] - jnp.pi)
+    turn = wrapped(junction.angle[None, :] - junction.angle[:, None] - jnp.pi)
     chord = _chord_share(turn)
     is_turn = (jnp.abs(turn) > STRAIGHT) & ~jnp.eye(count, dtype=bool)
     radius = jnp.minimum(junction.turn_radius, LARGEST_RADIUS * junction.lane_width)
@@ -145,10 +146,6 @@ def _chord_share(turn: Array) -> Array:
     """Chord of a turn by an angle [rad] over its length; the chord lies in the direction half way through."""
     share = (jnp.arange(64, dtype=jnp.float32) + 0.5) / 64
     return jnp.mean(jnp.cos(turn[..., None] * (_turned(share) - 0.5)), axis=-1)
-
-
-def _wrapped(angle: Array) -> Array:
-    return angle - 2 * jnp.pi * jnp.round(angle / (2 * jnp.pi))
 
 
 def road_ring(lines: JunctionLines, lane_width: Array) -> Float[Array, "corners 2"]:

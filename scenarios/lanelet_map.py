@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxfrenet as jf
+from jaxfrenet._angles import wrapped
 from jaxfrenet._pytree import pytree_dataclass
 from jaxfrenet._typing import Array, Bool, Float
 from jaxfrenet.scenario import LANE_NODES
@@ -78,7 +79,6 @@ def _ways(angle: Array, lanelet: int, following: tuple[int, ...], first: np.ndar
     """First pieces of the lanelets behind one that turn most to the left, least, and most to the right, `[3]`."""
     if not following:
         return jnp.full(3, -1, jnp.int32)
-    turn = angle[np.array(following)] - angle[lanelet]
-    turn = turn - 2 * jnp.pi * jnp.round(turn / (2 * jnp.pi))
+    turn = wrapped(angle[np.array(following)] - angle[lanelet])
     ways = jnp.stack([jnp.argmax(turn), jnp.argmin(jnp.abs(turn)), jnp.argmin(turn)])
     return jnp.asarray(first[np.array(following)], jnp.int32)[ways]

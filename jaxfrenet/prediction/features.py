@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxfrenet._angles import wrapped
 from jaxfrenet._pytree import pytree_dataclass
 from jaxfrenet._typing import Array, Bool, Float, Int
 from jaxfrenet.config import DT
@@ -112,16 +113,12 @@ def in_frame(vector: Float[Array, "*#shape 2"], direction: Float[Array, "*#shape
     return jnp.stack([x * cos + y * sin, y * cos - x * sin], axis=-1)
 
 
-def _wrapped(angle: Array) -> Array:
-    return angle - 2 * jnp.pi * jnp.round(angle / (2 * jnp.pi))
-
-
 def _history(scene: Scene, position: Array, heading: Array, speed: Array, seen: Array) -> tuple[Array, Array]:
     """The past `[obstacles, HISTORY * 6]` and a summary of it `[obstacles, 5]`."""
     time = DT * jnp.arange(1 - HISTORY, 1, dtype=jnp.float32)
     away = in_frame(position - scene.position[:, None], scene.direction[:, None])
     excess = away - jnp.stack([scene.speed[:, None] * time, jnp.zeros_like(speed)], axis=-1)
-    turn = _wrapped(heading - scene.heading[:, None])
+    turn = wrapped(heading - scene.heading[:, None])
     gain = speed - scene.speed[:, None]
     columns = [
         *(excess[..., 0] / 5.0, excess[..., 1] / 5.0, turn, gain / 5.0),
