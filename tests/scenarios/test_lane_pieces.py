@@ -89,12 +89,23 @@ def assert_connected(lane_map: jf.LaneMap) -> None:
             assert np.linalg.norm(center[following, 0] - center[piece, -1]) < 0.05
 
 
+def assert_ways_are_in_order(lane_map: jf.LaneMap, forks: int) -> None:
+    center, successors = np.asarray(lane_map.center, float), np.asarray(lane_map.successors)
+    end = center[:, -1] - center[:, -2]
+    angle = np.arctan2(end[:, 1], end[:, 0])
+    forking = np.flatnonzero(successors[:, 0] != successors[:, 2])
+    assert len(forking) == forks
+    for piece in forking:
+        left, straight, right = (angle[successors[piece]] - angle[piece] + np.pi) % (2 * np.pi) - np.pi
+        assert left > right + 0.5 and left >= straight >= right
+        assert abs(straight) == min(abs(left), abs(straight), abs(right))
+
+
 def test_pieces_of_a_file_hang_together(t_junction):
     assert_connected(t_junction.lane_map)
     spacing = np.asarray(t_junction.lane_map.length) / (LANE_NODES - 1)
     assert (spacing <= lane_pieces.LONGEST_PIECE / (LANE_NODES - 1) + 1e-4).all()
-    successors = np.asarray(t_junction.lane_map.successors)
-    assert np.sum(successors[:, 0] != successors[:, 2]) == 3
+    assert_ways_are_in_order(t_junction.lane_map, 3)
 
 
 @pytest.mark.parametrize("family", FAMILIES)
@@ -104,6 +115,7 @@ def test_a_generated_map_is_that_of_its_file(family, tmp_path):
     made = generate(draw).scenarios
     for scenario, (name, content) in zip(made, documents(draw), strict=True):
         assert_connected(scenario.lane_map)
+        assert_ways_are_in_order(scenario.lane_map, {"tjunction": 3, "crossing": 4, "highway": 0}[family])
         file = tmp_path / f"{name}.xml"
         file.write_bytes(content)
         read = scenarios.load(file)
