@@ -19,6 +19,8 @@ class DrivingOptions(SourceOptions):
     """The planner that drives: `default` has fixed cost weights."""
     predictor: Literal["neural", "constant_velocity", "ground_truth"] = "neural"
     """How the planner predicts the traffic."""
+    sampling: Literal["full", "fast", "dense"] = "full"
+    """How many trajectories a planning cycle samples: `full` 800, `fast` 180, `dense` 3,564."""
     weights: tuple[str, ...] = ()
     """Cost weights as NAME=VALUE, in place of the default ones; a wrong name lists all."""
     curvature_rate_limit: float | Literal["vehicle"] = 0.4
@@ -39,7 +41,9 @@ def planner_config(options: DrivingOptions) -> jf.PlannerConfig:
     limit = options.curvature_rate_limit
     if limit != "vehicle" and not 0.0 < limit < math.inf:
         raise UserError(f"--curvature-rate-limit {limit}: give a positive number or 'vehicle'")
-    return jf.PlannerConfig(predictor=options.predictor, curvature_rate_limit=limit, emergency=options.emergency)
+    return jf.PlannerConfig.preset(
+        options.sampling, predictor=options.predictor, curvature_rate_limit=limit, emergency=options.emergency
+    )
 
 
 def cost_weights(assignments: tuple[str, ...]) -> jf.CostWeights:

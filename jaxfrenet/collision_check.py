@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
 
+from jaxfrenet._compilation import merging_batches
 from jaxfrenet._pytree import pytree_dataclass
 from jaxfrenet._typing import Array, Bool, Float, Int
 from jaxfrenet.collision import Box, boxes_overlap, swept_box
@@ -12,11 +16,13 @@ from jaxfrenet.config import PlannerConfig
 from jaxfrenet.prediction.types import Prediction
 from jaxfrenet.road import sweeps_edge
 from jaxfrenet.scenario import Road
-from jaxfrenet.trajectories import Bundle
+from jaxfrenet.trajectories import Motion, Rows, pick
 from jaxfrenet.vehicle import Vehicle
 
 AT_ONCE = 16
 """Trajectories checked together once the cheapest has turned out to collide."""
+SCENARIOS = 8
+"""Scenarios of a batch that are looked at again together."""
 
 
 @pytree_dataclass
@@ -30,9 +36,7 @@ class FirstFree:
     """How many feasible trajectories were looked at, in order of cost, up to the free one."""
 
 
-def collides(
-    config: PlannerConfig, bundle: Bundle, index: Int[Array, "some"], prediction: Prediction, road: Road
-) -> Bool[Array, "some"]:
+def collides(config: PlannerConfig, motion: Motion, prediction: Prediction, road: Road) -> Bool[Array, "trajectories"]:
     """Whether trajectories hit a predicted obstacle or leave the road.
 
     Between successive points i and i + 1 the ego's box sweeps an oriented hull; it must not meet any obstacle's box
@@ -40,17 +44,12 @@ def collides(
 
     Args:
       config: the vehicle.
-      bundle: the trajectories.
-      index: `[some]`, which of them to check.
+      motion: `[trajectories, points]`.
       prediction: obstacles, their shapes enlarged already; entry 0 is the next step.
       road: the road's edge.
     """
-    vehicle, motion = config.vehicle, bundle.motion
-    cos, sin = bundle.cos[index], bundle.sin[index]
-    x = motion.x[index] + vehicle.rear_axle_to_center * cos
-    y = motion.y[index] + vehicle.rear_axle_to_center * sin
-    swept = swept_boxes(vehicle, x, y, cos, sin)
-
+    pose, ego = motion.pose, motion.ego
+    swept = swept_boxes(config.vehicle, *pose.center(config.vehicle), pose.cos, pose.sin)
     predicted = prediction.first(config.horizon_steps)
     obstacles = Box.from_heading(
         predicted.mean[..., 0],
@@ -60,7 +59,7 @@ def collides(
         predicted.width[:, None],
     )
     hits = boxes_overlap(swept.expand_dims(1), obstacles) & predicted.valid
-    leaves = sweeps_edge(road, swept, motion.arc_length[index, :-1], motion.offset[index, :-1])
+    leaves = sweeps_edge(road, swept, ego.arc_length[:, :-1], ego.offset[:, :-1])
     return jnp.any(hits, axis=(1, 2)) | jnp.any(leaves, axis=1)
 
 
@@ -82,32 +81,64 @@ def swept_boxes(vehicle: Vehicle, x: Array, y: Array, cos: Array, sin: Array) ->
 
 def first_free(
     config: PlannerConfig,
-    bundle: Bundle,
+    rows: Rows,
     feasible: Bool[Array, "trajectories"],
     cost: Float[Array, "trajectories"],
     prediction: Prediction,
     road: Road,
 ) -> FirstFree:
     """The feasible trajectory of least cost that does not collide, looking only as deep as needed."""
-    ranked = jnp.argsort(jnp.where(feasible, cost, jnp.inf)).astype(jnp.int32)
-    count = jnp.sum(feasible)
-    order = jnp.pad(ranked, (0, AT_ONCE), mode="edge")
+    cost = jnp.where(feasible, cost, jnp.inf)
+    cheapest = jnp.argmin(cost).astype(jnp.int32)
+    free = feasible[cheapest] & ~collides(config, pick(rows, cheapest[None]), prediction, road)[0]
+    cost = cost.at[cheapest].set(jnp.inf)
+    state = _Search(cost, FirstFree(found=free, index=cheapest, checked=jnp.any(feasible).astype(jnp.int32)))
+    return _searcher(config)(state, rows, prediction, road)
 
-    def check(start: Array, number: int) -> tuple[Array, Array]:
-        """Whether any of the next `number` in the order is free, and the place of the first that is."""
-        index = jax.lax.dynamic_slice(order, (start,), (number,))
-        exists = start + jnp.arange(number) < count
-        free = exists & ~collides(config, bundle, index, prediction, road)
-        return jnp.any(free), start + jnp.argmax(free)
 
-    def unfinished(carry: tuple[Array, Array, Array]) -> Array:
-        found, _, start = carry
-        return ~found & (start < count)
+@pytree_dataclass
+class _Search:
+    """How far the search for a free trajectory has come; leading axis `scenarios` in a batch."""
 
-    def advance(carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        found, place = check(carry[2], AT_ONCE)
-        return found, place, carry[2] + AT_ONCE
+    cost: Float[Array, "*batch trajectories"]
+    """Infinite for trajectories that are infeasible or have been looked at."""
+    result: FirstFree
 
-    found, place = check(jnp.int32(0), 1)
-    found, place, _ = jax.lax.while_loop(unfinished, advance, (found, place, jnp.int32(1)))
-    return FirstFree(found=found, index=order[place], checked=jnp.where(found, place + 1, count).astype(jnp.int32))
+
+@functools.cache
+def _searcher(config: PlannerConfig) -> Callable[[_Search, Rows, Prediction, Road], FirstFree]:
+    """`_search` for one scenario; in a batch, only those are looked at again that have not found one yet."""
+    return merging_batches(functools.partial(_search, config))
+
+
+def _search(config: PlannerConfig, state: _Search, rows: Rows, prediction: Prediction, road: Road) -> FirstFree:
+    """Go on with the search in a batch of scenarios until each has found a free trajectory or has none left."""
+    together = min(SCENARIOS, len(state.cost))
+
+    def unfinished(state: _Search) -> Array:
+        return ~state.result.found & jnp.any(jnp.isfinite(state.cost), axis=-1)
+
+    def advance(state: _Search) -> _Search:
+        waiting, which = jax.lax.top_k(unfinished(state).astype(jnp.int32), together)
+        some = jax.tree.map(lambda leaf: leaf[which], (state, rows, prediction, road))
+        moved = jax.vmap(functools.partial(_look_deeper, config))(*some)
+
+        def put(old: Array, new: Array, some: Array) -> Array:
+            is_waiting = (waiting == 1).reshape(-1, *(1,) * (new.ndim - 1))
+            return old.at[which].set(jnp.where(is_waiting, new, some))
+
+        return jax.tree.map(put, state, moved, some[0])
+
+    return jax.lax.while_loop(lambda state: jnp.any(unfinished(state)), advance, state).result
+
+
+def _look_deeper(config: PlannerConfig, state: _Search, rows: Rows, prediction: Prediction, road: Road) -> _Search:
+    """Look at the next trajectories of one scenario."""
+    at_once = min(AT_ONCE, state.cost.size)
+    cheapness, index = jax.lax.top_k(-state.cost, at_once)
+    exists = jnp.isfinite(cheapness)
+    free = exists & ~collides(config, pick(rows, index), prediction, road)
+    found, first = jnp.any(free), jnp.argmax(free)
+    looked_at = jnp.where(found, first + 1, jnp.sum(exists)).astype(jnp.int32)
+    result = FirstFree(found, index[first], state.result.checked + looked_at)
+    return _Search(state.cost.at[index].set(jnp.inf), result)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -11,6 +11,10 @@ from jaxfrenet.vehicle import BMW_320I, Vehicle
 
 DT = 0.1
 """Time step [s] of scenarios, trajectories and the closed loop."""
+Sampling = Literal["fast", "full", "dense"]
+"""Names of sampling levels: for training on a CPU, the paper's own, and a finer one."""
+SAMPLING_LEVELS: dict[Sampling, int] = {"fast": 1, "full": 2, "dense": 3}
+"""They stand for 180, 800 and 3,564 trajectories."""
 HarmModel = Literal["symmetric_areas", "angle_free"]
 """How harm to passengers of colliding vehicles is told: by front, sides and rear, or alike from everywhere."""
 Emergency = Literal["stopping", "min_risk"]
@@ -68,6 +72,17 @@ class PlannerConfig:
         for name, words in (("harm_model", get_args(HarmModel)), ("emergency", get_args(Emergency))):
             if getattr(self, name) not in words:
                 raise ValueError(f"{name} is {getattr(self, name)!r}: choose one of {', '.join(words)}")
+
+    @classmethod
+    def preset(cls, sampling: Sampling, **settings: Any) -> PlannerConfig:
+        """A configuration with a named sampling level, and other settings as given.
+
+        Raises:
+          ValueError: there is no such preset.
+        """
+        if sampling not in SAMPLING_LEVELS:
+            raise ValueError(f"sampling preset is {sampling!r}: choose one of {', '.join(SAMPLING_LEVELS)}")
+        return cls(sampling_level=SAMPLING_LEVELS[sampling], **settings)
 
     @property
     def points(self) -> int:

@@ -1,12 +1,14 @@
 """The cost terms that rank feasible trajectories, and their weights.
 
-A term is one function of `CostInputs`, named as in the reference planner; `COST_TERMS` lists them. Which terms a
-program computes is decided by which weights are given: a weight of `None` leaves its term out of the program.
+A term is one function of `CostInputs`, named as in the reference planner; `COST_TERMS` lists them. It takes values
+`[points, ...]` of the bundle to one cost per trajectory `[...]`. Which terms a program computes is decided by which
+weights are given: a weight of `None` leaves its term out of the program.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable
 
 import jax.numpy as jnp
@@ -19,7 +21,7 @@ from jaxfrenet.config import DT, PlannerConfig
 from jaxfrenet.prediction.types import Prediction
 from jaxfrenet.reference_path import ReferencePath, look_up_columns
 from jaxfrenet.scenario import Lanes
-from jaxfrenet.trajectories import Bundle
+from jaxfrenet.trajectories import Bundle, Rows
 
 Weight = Array | float | None
 """A number, an array of shape `[]` (or `[batch]` under `vmap`), or nothing."""
@@ -59,6 +61,7 @@ class CostWeights:
 class CostInputs:
     """What a cost term may look at."""
 
+    rows: Rows
     bundle: Bundle
     prediction: Prediction
     desired_speed: Float[Array, ""]
@@ -69,16 +72,16 @@ class CostInputs:
 
 def evaluate(config: PlannerConfig, weights: CostWeights, inputs: CostInputs) -> Float[Array, "trajectories terms"]:
     """Unweighted costs `[trajectories, terms]` of the terms that are switched on, in the order of `weights.names()`."""
-    return jnp.stack([COST_TERMS[name](config, inputs) for name in weights.names()], axis=-1)
+    return jnp.stack([COST_TERMS[name](config, inputs).reshape(-1) for name in weights.names()], axis=-1)
 
 
 def _norm(value: Array) -> Array:
-    return jnp.sqrt(jnp.sum(value**2, axis=-1))
+    return jnp.sqrt(jnp.sum(value**2, axis=0))
 
 
 def _last_half(value: Array) -> Array:
     """The last ⌊n/2⌋ of n points."""
-    return value[:, -(value.shape[-1] // 2) :]
+    return value[-(value.shape[0] // 2) :]
 
 
 def _integral(value: Array) -> Array:
@@ -86,7 +89,7 @@ def _integral(value: Array) -> Array:
 
     That share is the reference planner's, kept so that the terms compare.
     """
-    points = value.shape[-1]
+    points = value.shape[0]
     weights = np.zeros(points)
     even = points if points % 2 == 1 else points - 1
     weights[:even] = np.where(np.arange(even) % 2 == 1, 4.0, 2.0)
@@ -94,12 +97,12 @@ def _integral(value: Array) -> Array:
     weights *= DT / 3
     if points % 2 == 0:
         weights[-2:] += DT / 6
-    return value @ jnp.asarray(weights, jnp.float32)
+    return jnp.tensordot(jnp.asarray(weights, jnp.float32), value, axes=1)
 
 
 def _difference(value: Array) -> Array:
     """Rate of change between successive points."""
-    return (value[:, 1:] - value[:, :-1]) / DT
+    return (value[1:] - value[:-1]) / DT
 
 
 def lateral_jerk(config: PlannerConfig, inputs: CostInputs) -> Array:
@@ -124,10 +127,7 @@ def velocity_offset(config: PlannerConfig, inputs: CostInputs) -> Array:
 
 def prediction(config: PlannerConfig, inputs: CostInputs) -> Array:
     """Collision probability with the predicted obstacles, see `collision_probability_cost`."""
-    bundle = inputs.bundle
-    ahead = config.vehicle.rear_axle_to_center
-    x, y = bundle.motion.x + ahead * bundle.cos, bundle.motion.y + ahead * bundle.sin
-    return collision_probability_cost(config, x, y, bundle.cos, bundle.sin, inputs.prediction)
+    return collision_probability_cost(config, inputs.rows, inputs.prediction)
 
 
 def acceleration(config: PlannerConfig, inputs: CostInputs) -> Array:
@@ -142,28 +142,29 @@ def jerk(config: PlannerConfig, inputs: CostInputs) -> Array:
 
 def orientation_offset(config: PlannerConfig, inputs: CostInputs) -> Array:
     """Norm of the heading relative to the path over the last half of the points, plus its last value squared [rad]."""
-    relative = jnp.arctan(_last_half(inputs.bundle.relative_tangent))
-    return _norm(relative) + relative[:, -1] ** 2
+    relative = jnp.arctan(_last_half(inputs.bundle.pose.relative_tangent))
+    return _norm(relative) + relative[-1] ** 2
 
 
 def lane_center_offset(config: PlannerConfig, inputs: CostInputs) -> Array:
     """Norm over all points of the distance to the centre line of the nearest lane [m]."""
     motion = inputs.bundle.motion
     columns = jnp.concatenate([inputs.lanes.center, (inputs.lanes.direction != 0).astype(jnp.float32)], axis=-1)
-    table = look_up_columns(inputs.path, columns, motion.arc_length)
-    away = jnp.abs(motion.offset[..., None] - table[..., :3])
-    away = jnp.where(table[..., 3:] > 0.5, away, jnp.inf)
-    return _norm(jnp.where(jnp.isfinite(jnp.min(away, axis=-1)), jnp.min(away, axis=-1), jnp.abs(motion.offset)))
+    table = look_up_columns(inputs.path, columns, inputs.rows.points.arc_length)
+    lanes = [jnp.where(table[..., 3 + lane] > 0.5, table[..., lane], jnp.inf) for lane in range(3)]
+    away = [jnp.abs(motion.offset - center[:, None]) for center in lanes]
+    nearest = functools.reduce(jnp.minimum, away)
+    return _norm(jnp.where(jnp.isfinite(nearest), nearest, jnp.abs(motion.offset)))
 
 
 def distance_to_obstacles(config: PlannerConfig, inputs: CostInputs) -> Array:
     """Σ over obstacles and points of 1 / distance² to the obstacle's centre predicted for that time [1/m²]."""
     motion, steps = inputs.bundle.motion, config.horizon_steps
     predicted = inputs.prediction.first(steps)
-    dx = motion.x[:, None, 1:] - predicted.mean[..., 0]
-    dy = motion.y[:, None, 1:] - predicted.mean[..., 1]
+    dx = motion.x[1:] - predicted.mean[..., 0, None, None]
+    dy = motion.y[1:] - predicted.mean[..., 1, None, None]
     inverse = 1.0 / jnp.maximum(dx**2 + dy**2, 1e-2)
-    return jnp.sum(jnp.where(predicted.valid, inverse, 0.0), axis=(1, 2))
+    return jnp.sum(jnp.where(predicted.valid[..., None, None], inverse, 0.0), axis=(0, 1))
 
 
 def velocity(config: PlannerConfig, inputs: CostInputs) -> Array:

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable
 from enum import IntEnum
 
@@ -13,6 +14,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxfrenet import collision_check, costs, feasibility, risk
+from jaxfrenet._compilation import in_parts
 from jaxfrenet._pytree import pytree_dataclass
 from jaxfrenet._typing import Array, Float, Int
 from jaxfrenet.config import PlannerConfig
@@ -24,7 +26,10 @@ from jaxfrenet.risk import Risk
 from jaxfrenet.sampling import sample_end_states
 from jaxfrenet.scenario import Scenario
 from jaxfrenet.state import Outcome, SimulationState
-from jaxfrenet.trajectories import Bundle, EgoState, generate
+from jaxfrenet.trajectories import Bundle, EgoState, Rows, lay_out, multiply_out, pick
+
+TOGETHER = 16
+"""Scenarios of a batch that a CPU plans for at once."""
 
 
 class PlanMode(IntEnum):
@@ -50,8 +55,8 @@ class PlanningCycle:
     """`[]`, a `PlanMode`."""
     chosen: Int[Array, ""]
     """`[]`, the chosen trajectory's place in the bundle (of no meaning at standstill and without a feasible one)."""
-    bundle: Bundle
-    """All sampled trajectories."""
+    rows: Rows
+    """All sampled trajectories, before they are multiplied out; see `bundle`."""
     feasibility: Feasibility
     """`[trajectories]`, which are feasible and why others are not."""
     costs: Float[Array, "trajectories terms"]
@@ -65,6 +70,11 @@ class PlanningCycle:
     """`[]`, m/s."""
     risk: Risk
     """`[]`, of the chosen trajectory."""
+
+    @property
+    def bundle(self) -> Bundle:
+        """All sampled trajectories; of one cycle, not of a batch."""
+        return multiply_out(jax.tree.map(jnp.asarray, self.rows)).flat()
 
 
 def plan(config: PlannerConfig, scenario: Scenario, state: SimulationState, weights: CostWeights) -> PlanningCycle:
@@ -80,23 +90,54 @@ def plan(config: PlannerConfig, scenario: Scenario, state: SimulationState, weig
     center, center_arc_length = state.center(config.vehicle), ego.arc_length + config.vehicle.rear_axle_to_center
     target = desired_speed(scenario.goal, state.step, center, center_arc_length, ego.speed)
     prediction = predict(config, scenario, state.step, ego.x, ego.y)
+    weights = jax.tree.map(jnp.asarray, weights)
+    return _choose_in_parts(config)(_without_records(scenario), state, weights, prediction, target)
 
+
+@functools.cache
+def _choose_in_parts(config: PlannerConfig) -> Callable[..., PlanningCycle]:
+    return in_parts(functools.partial(_choose, config), TOGETHER)
+
+
+def _without_records(scenario: Scenario) -> Scenario:
+    """What of a scenario is needed once the traffic is predicted: all but its long tables."""
+    obstacles = scenario.obstacles
+    tracks = {name: getattr(obstacles, name)[:, :1] for name in ("position", "heading", "speed", "valid")}
+    return dataclasses.replace(
+        scenario,
+        obstacles=dataclasses.replace(obstacles, **tracks),
+        lane_map=jax.tree.map(lambda leaf: leaf[:1], scenario.lane_map),
+        predictions=None,
+    )
+
+
+def _choose(
+    config: PlannerConfig,
+    scenario: Scenario,
+    state: SimulationState,
+    weights: CostWeights,
+    prediction: Prediction,
+    target: Array,
+) -> PlanningCycle:
+    """Sample, check, cost, collision check, choose, assess."""
+    ego = state.ego
     end_states = sample_end_states(config, ego.speed, ego.arc_length_rate, ego.offset)
-    bundle = generate(config, scenario.path, ego, end_states)
+    rows = lay_out(config, scenario.path, ego, end_states)
+    bundle = multiply_out(rows)
     checked = feasibility.check(config, bundle)
-    inputs = CostInputs(bundle, prediction, target, scenario.path, scenario.lanes)
+    inputs = CostInputs(rows, bundle, prediction, target, scenario.path, scenario.lanes)
     unweighted = costs.evaluate(config, weights, inputs)
     cost = unweighted @ weights.values()
-    free = collision_check.first_free(config, bundle, checked.feasible, cost, prediction, scenario.road)
+    free = collision_check.first_free(config, rows, checked.feasible, cost, prediction, scenario.road)
     mode = _mode(config, ego, checked, free)
-    last_resort = _last_resort(config, scenario, prediction, bundle, checked, state, mode)
+    last_resort = _last_resort(config, scenario, prediction, rows, checked, state, mode)
     chosen = jnp.where(free.found, free.index, last_resort).astype(jnp.int32)
-    trajectory = _driven(ego, bundle, chosen, mode)
+    trajectory = _driven(ego, rows, chosen, mode)
     return PlanningCycle(
         trajectory=trajectory,
         mode=mode,
         chosen=chosen,
-        bundle=bundle,
+        rows=rows,
         feasibility=checked,
         costs=unweighted,
         cost=cost,
@@ -119,7 +160,7 @@ def _last_resort(
     config: PlannerConfig,
     scenario: Scenario,
     prediction: Prediction,
-    bundle: Bundle,
+    rows: Rows,
     checked: Feasibility,
     state: SimulationState,
     mode: Array,
@@ -129,10 +170,11 @@ def _last_resort(
     With `min_risk`, the one of least risk; these three then decide between equals. An episode that has ended, which a
     batch may carry on, is not assessed any more.
     """
+    bundle = multiply_out(rows).flat()
     keys = [bundle.end_speed, bundle.end_step.astype(jnp.float32), jnp.abs(bundle.end_offset - state.ego.offset)]
     if config.emergency == "min_risk":
         wanted = (mode == PlanMode.EMERGENCY) & (state.outcome == Outcome.RUNNING)
-        keys = [_total_risk(config, scenario, prediction, bundle, wanted), *keys]
+        keys = [_total_risk(config, scenario, prediction, rows, wanted), *keys]
     chosen = checked.feasible
     for key in keys:
         key = jnp.where(chosen, key, jnp.inf)
@@ -141,39 +183,43 @@ def _last_resort(
 
 
 def _total_risk(
-    config: PlannerConfig, scenario: Scenario, prediction: Prediction, bundle: Bundle, wanted: Array
+    config: PlannerConfig, scenario: Scenario, prediction: Prediction, rows: Rows, wanted: Array
 ) -> Float[Array, "trajectories"]:
     """Risk of every trajectory to all together; zeros, without the work, where it is not wanted.
 
     In a batch, nothing is done as long as nobody wants it, then one scenario after the other is asked.
     """
 
+    def evaluate(scenario: Scenario, prediction: Prediction, rows: Rows) -> Array:
+        return risk.assess_bundle(config, scenario, prediction, multiply_out(rows).flat()).total
+
     @jax.custom_batching.sequential_vmap
-    def one_by_one(wanted: Array, scenario: Scenario, prediction: Prediction, bundle: Bundle) -> Array:
-        return _only_if(wanted, bundle, lambda tied: risk.assess_bundle(config, scenario, prediction, tied).total)
+    def one_by_one(wanted: Array, scenario: Scenario, prediction: Prediction, rows: Rows) -> Array:
+        return _only_if(wanted, rows, lambda tied: evaluate(scenario, prediction, tied))
 
-    return _only_if(wanted, bundle, lambda tied: one_by_one(wanted, scenario, prediction, tied))
+    return _only_if(wanted, rows, lambda tied: one_by_one(wanted, scenario, prediction, tied))
 
 
-def _only_if(wanted: Array, bundle: Bundle, evaluate: Callable[[Bundle], Array]) -> Array:
+def _only_if(wanted: Array, rows: Rows, evaluate: Callable[[Rows], Array]) -> Array:
     """Values `[trajectories]`, or zeros without the work; a conditional would always do the work under `vmap`.
 
-    The loop runs once or not at all. The barrier ties the bundle to it, as XLA moves what does not change in a loop to
+    The loop runs once or not at all. The barrier ties the rows to it, as XLA moves what does not change in a loop to
     before it.
     """
 
     def once(carry: tuple[Array, Array]) -> tuple[Array, Array]:
-        tied, _ = jax.lax.optimization_barrier((bundle, carry))
+        tied, _ = jax.lax.optimization_barrier((rows, carry))
         return jnp.asarray(False), evaluate(tied)
 
-    unknown = jnp.zeros_like(bundle.end_speed)
+    unknown = jnp.zeros(rows.lateral_jerk.size)
     return jax.lax.while_loop(lambda carry: carry[0], once, (wanted, unknown))[1]
 
 
-def _driven(ego: EgoState, bundle: Bundle, chosen: Array, mode: Array) -> EgoState:
+def _driven(ego: EgoState, rows: Rows, chosen: Array, mode: Array) -> EgoState:
     """The trajectory to drive `[points]`."""
     stay = (mode == PlanMode.STANDSTILL) | (mode == PlanMode.INFEASIBLE)
-    return jax.tree.map(lambda still, sampled: jnp.where(stay, still, sampled[chosen]), _standstill(ego), bundle.motion)
+    sampled = pick(rows, chosen).ego
+    return jax.tree.map(lambda still, points: jnp.where(stay, still, points), _standstill(ego), sampled)
 
 
 def _standstill(ego: EgoState) -> EgoState:

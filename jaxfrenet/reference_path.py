@@ -9,6 +9,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
+from jaxfrenet._compilation import computed_once
 from jaxfrenet._pytree import pytree_dataclass
 from jaxfrenet._typing import Array, Float
 
@@ -44,6 +45,7 @@ class PathPoint:
     curvature_derivative: Float[Array, "*shape"]
 
 
+@computed_once
 def node_before(path: ReferencePath, arc_length: Float[Array, "*shape"]) -> Array:
     """Index of the last node at or before each arc length, such that a node follows it; int32, same shape."""
     index = jnp.searchsorted(path.arc_length, arc_length, side="right", method="scan_unrolled") - 1
@@ -67,10 +69,11 @@ def look_up_columns(
 ) -> Float[Array, "*shape columns"]:
     """Any tables over the path's nodes at `arc_length` [m], linear in between; see `look_up`."""
     index = node_before(path, arc_length)
-    start = path.arc_length[index]
-    weight = (arc_length - start) / (path.arc_length[index + 1] - start)
-    before, after = columns[index], columns[index + 1]
-    return before + weight[..., None] * (after - before)
+    nodes = jnp.concatenate([path.arc_length[:, None], columns], axis=-1)
+    segment = jnp.concatenate([nodes[:-1], jnp.diff(nodes, axis=0)], axis=-1)[index]
+    start, change = jnp.split(segment, 2, axis=-1)
+    weight = (arc_length - start[..., 0]) / change[..., 0]
+    return start[..., 1:] + weight[..., None] * change[..., 1:]
 
 
 def to_cartesian(

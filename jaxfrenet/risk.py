@@ -12,8 +12,8 @@ import jax.numpy as jnp
 from jaxfrenet._pytree import pytree_dataclass
 from jaxfrenet._typing import Array, Float
 from jaxfrenet.collision_check import swept_boxes
-from jaxfrenet.collision_probability import LARGEST_CORRELATION, Gaussian, rectangle_mass
 from jaxfrenet.config import PlannerConfig
+from jaxfrenet.gaussian import LARGEST_CORRELATION, Gaussian, Quadrature, rectangle_mass
 from jaxfrenet.harm import Party, boundary_harm, harm, obstacle_mass
 from jaxfrenet.prediction.types import Prediction
 from jaxfrenet.road import sweeps_edge
@@ -25,8 +25,8 @@ FARTHEST = 5.0
 """An obstacle whose centre, front and rear are all farther [m] from the ego's centre has no probability."""
 PAIRS = 32
 """Pairs of a trajectory's point and an obstacle that are evaluated at once."""
-NODES = 10
-"""Quadrature nodes of each mass."""
+RULE = Quadrature(10, steep=True)
+"""What computes each mass."""
 TRAJECTORIES = 64
 """Trajectories of a bundle that are assessed at once."""
 
@@ -64,11 +64,11 @@ def assess_bundle(config: PlannerConfig, scenario: Scenario, prediction: Predict
     """The risk of every trajectory in a bundle, fields `[trajectories]`; the other arguments as in `assess`."""
     count = bundle.valid.shape[0]
     places = jnp.minimum(jnp.arange(-(-count // TRAJECTORIES) * TRAJECTORIES), count - 1).reshape(-1, TRAJECTORIES)
-    rows = bundle.motion, bundle.cos, bundle.sin
+    motions = bundle.motion, bundle.pose.cos, bundle.pose.sin
 
     def assess_some(index: Array) -> Risk:
-        some = jax.tree.map(lambda leaf: leaf[index], rows)
-        return jax.vmap(lambda row: _assess(config, scenario, prediction, *row))(some)
+        some = jax.tree.map(lambda leaf: leaf[index], motions)
+        return jax.vmap(lambda one: _assess(config, scenario, prediction, *one))(some)
 
     return jax.tree.map(lambda leaf: leaf.reshape(-1)[:count], jax.lax.map(assess_some, places))
 
@@ -97,7 +97,7 @@ def collision_probability(vehicle: Vehicle, ego: Party, partner: Party, covarian
     x, y = _points(partner, length)
     spread = (value[..., None, None] for value in (sigma_x, sigma_y, correlation))
     seen = Gaussian(x[..., None, :] - box_x, y[..., None, :] - box_y, *spread)
-    total = jnp.sum(rectangle_mass(seen, 0.5 * third, 0.5 * vehicle.width, NODES), axis=(-2, -1))
+    total = jnp.sum(rectangle_mass(seen, 0.5 * third, 0.5 * vehicle.width, RULE), axis=(-2, -1))
     return jnp.where(_is_near(ego, partner, length), total / 3, 0.0)
 
 

@@ -130,7 +130,7 @@ def _report(cycle: PlanningCycle, weights: CostWeights) -> StepReport:
         desired_speed=cycle.desired_speed,
         costs=costs,
         cost=costs @ weights.values(),
-        valid_share=jnp.mean(cycle.bundle.valid),
+        valid_share=jnp.mean(cycle.feasibility.valid),
         feasible_share=jnp.mean(cycle.feasibility.feasible),
         collision_checked=cycle.collision_checked,
         ego_risk=cycle.risk.ego,

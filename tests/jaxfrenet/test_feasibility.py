@@ -9,29 +9,27 @@ import pytest
 
 import jaxfrenet as jf
 from jaxfrenet.feasibility import check
-from jaxfrenet.trajectories import Bundle, EgoState
+from jaxfrenet.trajectories import Bundle, EgoState, Pose
 
 VEHICLE = jf.BMW_320I
 POINTS = 31
 
 
 def bundle(rows: int = 1, end_step: int = 30, **fields) -> Bundle:
-    """Trajectories at 10 m/s straight ahead, except for the given `[rows, points]` fields."""
+    """Trajectories at 10 m/s straight ahead, except for the given `[rows, points]` fields; one end offset."""
     zero = np.zeros((rows, POINTS))
     values = {field.name: zero for field in dataclasses.fields(EgoState)} | {
         "speed": zero + 10,
         "arc_length_rate": zero + 10,
     }
     values |= {name: np.broadcast_to(value, zero.shape) for name, value in fields.items()}
-    motion = EgoState(**{name: jnp.asarray(value, jnp.float32) for name, value in values.items()})
-    row = jnp.zeros(rows)
+    motion = EgoState(**{name: jnp.asarray(value.T[:, None], jnp.float32) for name, value in values.items()})
+    row, cos, sin = jnp.zeros((1, rows)), jnp.cos(motion.heading), jnp.sin(motion.heading)
     return Bundle(
         motion=motion,
-        cos=jnp.cos(motion.heading),
-        sin=jnp.sin(motion.heading),
-        relative_tangent=motion.heading * 0,
-        valid=jnp.ones(rows, bool),
-        end_step=jnp.full(rows, end_step, jnp.int32),
+        pose=Pose(motion.x, motion.y, cos, sin, motion.offset, jnp.zeros_like(cos)),
+        valid=jnp.ones((1, rows), bool),
+        end_step=jnp.full((1, rows), end_step, jnp.int32),
         end_speed=row,
         end_offset=row,
         lateral_jerk=row,
@@ -41,7 +39,7 @@ def bundle(rows: int = 1, end_step: int = 30, **fields) -> Bundle:
 
 def failed(made: Bundle, **settings) -> dict[str, list[bool]]:
     verdict = jax.jit(check, static_argnums=0)(jf.PlannerConfig(**settings), made)
-    return {name: np.asarray(value).tolist() for name, value in vars(verdict).items()}
+    return {name: np.asarray(value).tolist() for name, value in vars(verdict).items() if name != "valid"}
 
 
 def only(name: str) -> dict[str, list[bool]]:
@@ -135,5 +133,5 @@ def test_backwards():
 
 
 def test_what_is_not_valid_fails_no_check():
-    made = dataclasses.replace(bundle(curvature=at(9, 5.0)), valid=jnp.zeros(1, bool))
+    made = dataclasses.replace(bundle(curvature=at(9, 5.0)), valid=jnp.zeros((1, 1), bool))
     assert failed(made) == {"feasible": [False]} | {k: [False] for k in only("") if k != "feasible"}

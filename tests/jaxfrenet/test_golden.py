@@ -14,7 +14,7 @@ from jaxfrenet import costs, feasibility
 from jaxfrenet.reference_path import project
 from jaxfrenet.sampling import sample_end_states
 from jaxfrenet.scenario import Lanes
-from jaxfrenet.trajectories import generate, initial_ego_state
+from jaxfrenet.trajectories import initial_ego_state, lay_out, multiply_out
 
 CONFIG = jf.PlannerConfig()
 WEIGHTS = jf.CostWeights(acceleration=0.0, jerk=0.0, orientation_offset=0.0)
@@ -69,12 +69,13 @@ def bundle_of(path, start, desired_speed, predicted):
         curvature=jnp.tan(start[5]) / CONFIG.vehicle.wheelbase,
     )
     end = sample_end_states(CONFIG, ego.speed, ego.arc_length_rate, ego.offset)
-    bundle = generate(CONFIG, path, ego, end)
+    rows = lay_out(CONFIG, path, ego, end)
+    bundle = multiply_out(rows)
     nodes = path.x.size
     lanes = Lanes(jnp.zeros((nodes, 3)), jnp.ones((nodes, 3)), jnp.ones((nodes, 3), jnp.int32))
-    inputs = costs.CostInputs(bundle, predicted, desired_speed, path, lanes)
+    inputs = costs.CostInputs(rows, bundle, predicted, desired_speed, path, lanes)
     terms = costs.evaluate(CONFIG, WEIGHTS, inputs)
-    return ego, end, bundle, feasibility.check(CONFIG, bundle), terms, terms @ WEIGHTS.values()
+    return ego, end, bundle.flat(), feasibility.check(CONFIG, bundle), terms, terms @ WEIGHTS.values()
 
 
 plan_bundle = jax.jit(bundle_of)
@@ -97,8 +98,14 @@ def results(golden_file):
     return both
 
 
+def places(recorded_rows: np.ndarray) -> np.ndarray:
+    """Where recorded trajectories are in the bundle: the record has end offsets innermost and end times outermost."""
+    time, speed, offset = np.unravel_index(recorded_rows, (8, 10, 10))
+    return np.ravel_multi_index((offset, speed, time), (10, 10, 8))
+
+
 def rows_of(recorded: dict, computed: np.ndarray) -> np.ndarray:
-    return computed[recorded["rows"]][recorded["valid"]]
+    return computed[places(recorded["rows"])][recorded["valid"]]
 
 
 def test_initial_state_and_samples(results):
@@ -124,8 +131,8 @@ def test_points(results, quantity):
 def test_valid_and_feasible(results):
     agreed = []
     for recorded, (_, _, bundle, checked, *_) in results.values():
-        np.testing.assert_array_equal(bundle.valid[recorded["rows"]], recorded["valid"])
-        agreed.append(checked.feasible[recorded["rows"]] == recorded["feasible"])
+        np.testing.assert_array_equal(bundle.valid[places(recorded["rows"])], recorded["valid"])
+        agreed.append(checked.feasible[places(recorded["rows"])] == recorded["feasible"])
     assert np.mean(agreed) >= 0.995
 
 
@@ -152,7 +159,7 @@ def test_costs(results):
 def test_chosen_trajectory(results):
     for name, (recorded, (_, _, _, checked, _, total)) in results.items():
         ranked = np.where(checked.feasible, total, np.inf)
-        best = recorded["chosen_row"]
+        best = places(recorded["chosen_row"])
         assert ranked[best] <= 1.001 * ranked.min(), name
 
 

@@ -137,7 +137,7 @@ def test_risks_of_all_cost_nothing_without_an_emergency(world, plan, config):
         pytest.skip("reads the program that XLA makes for the CPU")
     scenario = world()
     cycle = plan(scenario, jf.reset(config, scenario))
-    one = scenario, cycle.prediction, cycle.bundle, jnp.asarray(False)
+    one = scenario, cycle.prediction, cycle.rows, jnp.asarray(False)
     pair = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), one)
     text = jax.jit(jax.vmap(partial(_total_risk, config))).lower(*pair).compile().as_text() or ""
     assert "exponential" in text

@@ -12,6 +12,7 @@ import pytest
 import jaxfrenet as jf
 from jaxfrenet.harm import Party, harm, obstacle_mass
 from jaxfrenet.risk import PAIRS, TRAJECTORIES, collision_probability, surrogate_probability
+from jaxfrenet.trajectories import Pose
 
 multivariate_normal = pytest.importorskip("scipy.stats").multivariate_normal
 
@@ -151,7 +152,8 @@ def random_case(rng, base: jf.Scenario):
 def bundle_of(motion: jf.EgoState) -> jf.Bundle:
     one = jnp.zeros(motion.x.shape[0])
     cos, sin = jnp.cos(motion.heading), jnp.sin(motion.heading)
-    return jf.Bundle(motion, cos, sin, jnp.zeros_like(cos), one == 0, jnp.zeros(one.shape, jnp.int32), *[one] * 4)
+    pose = Pose(motion.x, motion.y, cos, sin, motion.offset, jnp.zeros_like(cos))
+    return jf.Bundle(motion, pose, one == 0, jnp.zeros(one.shape, jnp.int32), *[one] * 4)
 
 
 def stacked(cases):
