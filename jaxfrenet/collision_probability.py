@@ -2,7 +2,7 @@
 
 The work is cut into tiles: one end speed at one point with one obstacle, for all end times and end offsets, whose
 poses lie close together. Tiles whose mass is negligible are left out; the others are put in a queue and evaluated
-`TILES` at a time for as long as there are any, so the work follows the traffic and nothing is ever dropped.
+some at a time for as long as there are any, so the work follows the traffic and nothing is ever dropped.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ T = TypeVar("T")
 
 NEGLIGIBLE_DISTANCE = 5.3
 """Beyond this many standard deviations to the side a Gaussian has less than 6e-8 of its mass."""
-TILES = 128
-"""Tiles evaluated at once for one scenario."""
-TILES_OF_BATCH = 512
-"""Tiles evaluated at once for a batch."""
+FEWEST_AT_ONCE, MOST_AT_ONCE = 128, 512
+"""Tiles evaluated at once: enough to keep a processor busy, few enough that the last ones do not wait in vain."""
+ROUNDS = 64
+"""In how many rounds all tiles would be evaluated, within these limits."""
 CORRELATION_CLASSES = (
     (0.1, Series(6)),
     (0.3, Series(11)),
@@ -89,8 +89,8 @@ def _summer(vehicle: Vehicle) -> Callable[[_Work], Array]:
 def _sum_tiles(vehicle: Vehicle, work: _Work) -> Array:
     """Sums `[scenarios, end speeds, end offsets, end times]` over obstacles and points."""
     scenarios, _, end_speeds, end_times = work.track.x.shape
-    at_once = TILES if scenarios == 1 else TILES_OF_BATCH
     near = _near_tiles(vehicle, work)
+    at_once = min(max(near.size // ROUNDS, FEWEST_AT_ONCE), MOST_AT_ONCE)
     filling = -near.size % at_once
     every = jnp.arange(near.size + filling, dtype=jnp.int32)
     queue = _enqueue(jnp.pad(near.reshape(-1), (0, filling)), every)

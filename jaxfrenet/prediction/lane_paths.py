@@ -56,10 +56,10 @@ def find(lane_map: LaneMap, position: Float[Array, "2"], cos: Float[Array, ""], 
     start, step = lane_map.center[:, :-1], jnp.diff(lane_map.center, axis=1)
     segment = lane_map.length[:, None] / (LANE_NODES - 1)
     relative = position - start
-    square = jnp.maximum(jnp.sum(step**2, axis=-1), 1e-9)
-    share = jnp.sum(relative * step, axis=-1) / square
+    square = jnp.maximum(_dot(step, step), 1e-9)
+    share = _dot(relative, step) / square
     away = relative - jnp.clip(share, 0.0, 1.0)[..., None] * step
-    distance = jnp.sum(away**2, axis=-1)
+    distance = _dot(away, away)
     nearest = jnp.argmin(distance, axis=1)
 
     def at_nearest(table: Array) -> Array:
@@ -91,6 +91,11 @@ def find(lane_map: LaneMap, position: Float[Array, "2"], cos: Float[Array, ""], 
         sin=turn_sin[first],
         valid=jnp.repeat(jnp.stack(found), WAYS),
     )
+
+
+def _dot(a: Float[Array, "*shape 2"], b: Float[Array, "*shape 2"]) -> Float[Array, "*shape"]:
+    """Inner products, written out: XLA's reductions over two numbers are many times slower on CPUs."""
+    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1]
 
 
 def _walk(lane_map: LaneMap, first: Array, start: Array) -> LanePaths:

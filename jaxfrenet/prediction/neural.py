@@ -118,9 +118,10 @@ def _moments(scene: Scene, lane_map: LaneMap, modes: Modes, steps: int) -> tuple
     place = jnp.where(exists[..., None, None], place, 0.0)
     mean = jnp.sum(weight[..., None] * place, axis=1)
     away = place - mean[:, None]
+    between = away[..., 0] ** 2, away[..., 0] * away[..., 1], away[..., 1] ** 2
     within = _covariance(modes, tangent, normal, steps)
-    between = away[..., :, None] * away[..., None, :]
-    covariance = jnp.sum(weight[..., None, None] * (within + between), axis=1)
+    xx, xy, yy = (jnp.sum(weight * (a + b), axis=1) for a, b in zip(within, between, strict=True))
+    covariance = jnp.stack([jnp.stack([xx, xy], axis=-1), jnp.stack([xy, yy], axis=-1)], axis=-2)
     # Heading and speed are not trained: at zero they have no gradient.
     weight, rate, drift = jax.lax.stop_gradient((weight, rate, drift))
     slope = drift / jnp.maximum(jnp.abs(rate), SLOWEST)
@@ -169,8 +170,8 @@ def _motion(modes: Modes, ahead: Array, offset: Array, aside: Array, steps: int)
     return s, rate, d, drift
 
 
-def _covariance(modes: Modes, tangent: Array, normal: Array, steps: int) -> Float[Array, "obstacles modes steps 2 2"]:
-    """Each mode's own covariance in the map's axes."""
+def _covariance(modes: Modes, tangent: Array, normal: Array, steps: int) -> tuple[Array, Array, Array]:
+    """Each mode's own covariance in the map's axes: xx, xy, yy `[obstacles, modes, steps]`."""
     tau = np.arange(1, steps + 1) / LONGEST_HORIZON
     basis = jnp.asarray(np.stack([np.ones(steps), np.log(tau + 0.02) + 1.0, tau, tau**2]), jnp.float32)
     raw = modes.spread @ basis
@@ -178,14 +179,12 @@ def _covariance(modes: Modes, tangent: Array, normal: Array, steps: int) -> Floa
     along, across = (jnp.exp(jnp.clip(raw[:, :, i] - 1.0, lowest, highest)) for i in range(2))
     mixed = 0.98 * jnp.tanh(raw[:, :, 2]) * along * across
 
-    def outer(a: Array, b: Array) -> Array:
-        return a[..., :, None] * b[..., None, :]
+    def entry(i: int, j: int) -> Array:
+        t, n = (tangent[..., i], tangent[..., j]), (normal[..., i], normal[..., j])
+        crossed = t[0] * n[1] + n[0] * t[1]
+        return along**2 * t[0] * t[1] + across**2 * n[0] * n[1] + mixed * crossed
 
-    def times(factor: Array, matrix: Array) -> Array:
-        return factor[..., None, None] * matrix
-
-    crossed = outer(tangent, normal) + outer(normal, tangent)
-    return times(along**2, outer(tangent, tangent)) + times(across**2, outer(normal, normal)) + times(mixed, crossed)
+    return entry(0, 0), entry(0, 1), entry(1, 1)
 
 
 def initial_network(key: Array, obstacles: Obstacles, lane_map: LaneMap) -> Any:
