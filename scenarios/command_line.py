@@ -40,7 +40,6 @@ def run_command(
     try:
         options = _parse(options_type, module, arguments)
         _keep_compiled_programs()
-        _use_wide_vectors()
         body(options)
     except (UserError, ScenarioError) as error:
         _fail(name, str(error))
@@ -89,17 +88,6 @@ def _keep_compiled_programs() -> None:
         jax.config.update("jax_compilation_cache_dir", str(caches / "jaxfrenet" / "xla"))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
-
-
-def _use_wide_vectors() -> None:
-    """Let XLA use the processor's widest vectors, which it does not by itself; before anything is compiled.
-
-    Elements are computed alike, more of them at once. A width that `XLA_FLAGS` names already stays.
-    """
-    flag, flags = "--xla_cpu_prefer_vector_width", os.environ.get("XLA_FLAGS", "")
-    processor = Path("/proc/cpuinfo")
-    if flag not in flags and processor.is_file() and " avx512f " in processor.read_text(errors="replace"):
-        os.environ["XLA_FLAGS"] = f"{flags} {flag}=512".strip()
 
 
 def prepare_folder(folder: Path) -> Path:
