@@ -13,8 +13,10 @@ DT = 0.1
 """Time step [s] of scenarios, trajectories and the closed loop."""
 Sampling = Literal["fast", "full", "dense"]
 """Names of sampling levels: for training on a CPU, the paper's own, and a finer one."""
-SAMPLING_LEVELS: dict[Sampling, int] = {"fast": 1, "full": 2, "dense": 3}
+SAMPLING_LEVELS: dict[str, int] = {"fast": 1, "full": 2, "dense": 3}
 """They stand for 180, 800 and 3,564 trajectories."""
+LONGEST_HORIZON = 250
+"""Most time steps that a trajectory can look ahead."""
 HarmModel = Literal["symmetric_areas", "angle_free"]
 """How harm to passengers of colliding vehicles is told: by front, sides and rear, or alike from everywhere."""
 Emergency = Literal["stopping", "min_risk"]
@@ -66,6 +68,8 @@ class PlannerConfig:
                 f"shortest_end_step is {self.shortest_end_step}: choose one within 1 … horizon_steps = "
                 f"{self.horizon_steps}"
             )
+        if self.horizon_steps > LONGEST_HORIZON:
+            raise ValueError(f"horizon_steps is {self.horizon_steps}: choose at most {LONGEST_HORIZON}")
         limit = self.curvature_rate_limit
         if limit != "vehicle" and not (isinstance(limit, int | float) and limit > 0):
             raise ValueError(f'curvature_rate_limit is {limit!r}: choose a number above 0 or "vehicle"')
@@ -74,7 +78,7 @@ class PlannerConfig:
                 raise ValueError(f"{name} is {getattr(self, name)!r}: choose one of {', '.join(words)}")
 
     @classmethod
-    def preset(cls, sampling: Sampling, **settings: Any) -> PlannerConfig:
+    def preset(cls, sampling: str, **settings: Any) -> PlannerConfig:
         """A configuration with a named sampling level, and other settings as given.
 
         Raises:

@@ -65,9 +65,10 @@ def check(config: PlannerConfig, bundle: Bundle) -> Feasibility:
 def _found(violations: dict[str, Array]) -> dict[str, Array]:
     """Whether each violation occurs at any point.
 
-    They are counted in one sum, each with digits of its own, which is exact in float32 and vectorised on CPUs.
+    They are counted in one sum, each with a digit of its own, which is exact in float32 and vectorised on CPUs.
     """
-    base = 64
+    base = 1 + max(len(where) for where in violations.values())
+    assert base ** len(violations) <= 2**24
     digits = sum(jnp.where(where, float(base**place), 0.0) for place, where in enumerate(violations.values()))
     counts = jnp.sum(digits, axis=0).astype(jnp.int32)
     return {name: counts // base**place % base > 0 for place, name in enumerate(violations)}

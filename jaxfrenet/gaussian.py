@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -88,6 +90,7 @@ ANY_CORRELATION = Quadrature(16, steep=True)
 """What serves for every correlation."""
 
 
+@partial(jax.jit, static_argnums=(1, 2, 3))
 def rectangle_mass(
     gaussian: Gaussian, half_length: float, half_width: float, rule: Rule = ANY_CORRELATION
 ) -> Float[Array, "*shape"]:

@@ -11,7 +11,7 @@ import pytest
 
 import jaxfrenet as jf
 import scenarios
-from jaxfrenet.planner import _total_risk
+from jaxfrenet.planner import TOGETHER, _total_risk
 
 
 def mode_of(cycle: jf.PlanningCycle) -> jf.PlanMode:
@@ -262,6 +262,26 @@ def test_a_padded_batch_gives_what_each_gives_alone(real_pair):
         np.testing.assert_allclose(together.trajectory.x[row], alone.trajectory.x, atol=1e-4)
 
 
+def test_a_batch_in_parts_gives_what_each_gives_alone(world, plan, config, thing):
+    """More scenarios than are planned at once, of every mode, with the collision check ending at different depths."""
+    starts = [dict(), dict(speed=0.05), dict(start=(25.0, 1.5)), dict(speed=3.0), dict(speed=18.0, heading=0.1)]
+    obstacle, slow = thing(33.0, 0.0, static=True), thing(36.0, 1.0, speed=3.0)
+    things = [[], block(thing, 24.8), block(thing, 32.0), [obstacle], [slow]]
+    found = [world(those, **start) for those in things for start in starts][: TOGETHER + 5]
+    states = [jf.reset(config, scenario) for scenario in found]
+    batch = (jax.tree.map(lambda *leaves: jnp.stack(leaves), *rows) for rows in (found, states))
+    together = jax.jit(jax.vmap(lambda *one: jf.plan(config, *one, jf.CostWeights())))(*batch)
+    assert len(set(np.asarray(together.mode).tolist())) >= 3
+    assert len(set(np.asarray(together.collision_checked).tolist())) > 3
+    for row, (scenario, state) in enumerate(zip(found, states, strict=True)):
+        alone = plan(scenario, state)
+        assert int(together.mode[row]) == int(alone.mode)
+        assert int(together.chosen[row]) == int(alone.chosen)
+        assert int(together.collision_checked[row]) == int(alone.collision_checked)
+        np.testing.assert_allclose(together.cost[row], alone.cost, rtol=1e-4, atol=1e-3)
+        np.testing.assert_allclose(together.trajectory.x[row], alone.trajectory.x, atol=1e-4)
+
+
 def test_padded_episodes_end_like_those_alone(real_pair):
     config, weights = jf.PlannerConfig(sampling_level=1), jf.CostWeights()
     steps = max(jf.max_steps(scenario) for scenario in real_pair)
@@ -278,12 +298,24 @@ def test_padded_episodes_end_like_those_alone(real_pair):
     [
         dict(sampling_level=-1),
         dict(shortest_end_step=31),
+        dict(horizon_steps=251),
         dict(curvature_rate_limit=0.0),
     ],
 )
 def test_impossible_settings_are_refused(wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):
         jf.PlannerConfig(**wrong)
+
+
+@pytest.mark.parametrize(("name", "trajectories"), [("fast", 180), ("full", 800), ("dense", 3564)])
+def test_presets(name, trajectories):
+    config = jf.PlannerConfig.preset(name, predictor="neural")
+    assert (config.trajectories, config.predictor) == (trajectories, "neural")
+
+
+def test_unknown_presets_are_refused():
+    with pytest.raises(ValueError, match="'sparse': choose one of fast, full, dense"):
+        jf.PlannerConfig.preset("sparse")
 
 
 @pytest.mark.parametrize("name", ["harm_model", "emergency"])
