@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TypeVar
 
+import jax
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
@@ -77,7 +78,7 @@ class RoadView:
         self._axes.set_ylim(y - height / 2, y + height / 2)
 
     def _show_bundle(self, cycle: jf.PlanningCycle) -> None:
-        bundle = cycle.bundle
+        bundle = jax.device_get(cycle.bundle)
         lines, feasible = np.stack([bundle.motion.x, bundle.motion.y], axis=-1), cycle.feasibility.feasible
         self._infeasible.set_segments(list(lines[bundle.valid & ~feasible & _is_drawable(lines)]))
         dearest_first = np.argsort(-cycle.cost[feasible])

@@ -21,8 +21,8 @@ from jaxfrenet.vehicle import Vehicle
 
 AT_ONCE = 16
 """Trajectories checked together once the cheapest has turned out to collide."""
-SCENARIOS = 8
-"""Scenarios of a batch that are looked at again together."""
+SCENARIOS, SHARE = 8, 16
+"""Scenarios of a batch that are looked at again together: this many, or this part of the batch if that is more."""
 
 
 @pytree_dataclass
@@ -113,7 +113,8 @@ def _searcher(config: PlannerConfig) -> Callable[[_Search, Rows, Prediction, Roa
 
 def _search(config: PlannerConfig, state: _Search, rows: Rows, prediction: Prediction, road: Road) -> FirstFree:
     """Go on with the search in a batch of scenarios until each has found a free trajectory or has none left."""
-    together = min(SCENARIOS, len(state.cost))
+    batch = len(state.cost)
+    together = min(max(SCENARIOS, batch // SHARE), batch)
 
     def unfinished(state: _Search) -> Array:
         return ~state.result.found & jnp.any(jnp.isfinite(state.cost), axis=-1)

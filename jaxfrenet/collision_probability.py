@@ -28,9 +28,10 @@ T = TypeVar("T")
 NEGLIGIBLE_DISTANCE = 5.3
 """Beyond this many standard deviations to the side a Gaussian has less than 6e-8 of its mass."""
 FEWEST_AT_ONCE, MOST_AT_ONCE = 128, 512
-"""Tiles evaluated at once: enough to keep a processor busy, few enough that the last ones do not wait in vain."""
-ROUNDS = 64
-"""In how many rounds all tiles would be evaluated, within these limits."""
+"""Tiles evaluated at once: enough to keep a processor busy, few enough to stay in its caches."""
+FEWEST_ROUNDS, MOST_ROUNDS = 64, 256
+"""In how many rounds all tiles would be evaluated: in small batches few wait for the last to fill up, and batches of
+thousands, which only accelerators get, are evaluated with wider rounds."""
 CORRELATION_CLASSES = (
     (0.1, Series(6)),
     (0.3, Series(11)),
@@ -90,7 +91,8 @@ def _sum_tiles(vehicle: Vehicle, work: _Work) -> Array:
     """Sums `[scenarios, end speeds, end offsets, end times]` over obstacles and points."""
     scenarios, _, end_speeds, end_times = work.track.x.shape
     near = _near_tiles(vehicle, work)
-    at_once = min(max(near.size // ROUNDS, FEWEST_AT_ONCE), MOST_AT_ONCE)
+    most = max(MOST_AT_ONCE, near.size // MOST_ROUNDS)
+    at_once = min(max(near.size // FEWEST_ROUNDS, FEWEST_AT_ONCE), most)
     filling = -near.size % at_once
     every = jnp.arange(near.size + filling, dtype=jnp.int32)
     queue = _enqueue(jnp.pad(near.reshape(-1), (0, filling)), every)

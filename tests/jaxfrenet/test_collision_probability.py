@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal, norm
 
 import jaxfrenet as jf
-from jaxfrenet.collision_probability import CORRELATION_CLASSES, TILES, TILES_OF_BATCH, collision_probability_cost
+from jaxfrenet.collision_probability import CORRELATION_CLASSES, FEWEST_AT_ONCE, collision_probability_cost
 from jaxfrenet.gaussian import Gaussian, in_ego_frame, rectangle_mass
 from jaxfrenet.trajectories import Held, RowPoints, Rows, Track, multiply_out
 
@@ -177,7 +177,7 @@ def test_cost_fills_the_queue_more_than_once_and_stays_the_same_in_a_batch():
     config, rng = jf.PlannerConfig(sampling_level=1), np.random.default_rng(4)
     cases = [(random_rows(rng, config), random_prediction(rng, config, obstacles=12)) for _ in range(2)]
     tiles = 12 * config.horizon_steps * (config.samples_per_axis + 1)
-    assert tiles > 4 * TILES_OF_BATCH > 4 * TILES
+    assert tiles > 4 * FEWEST_AT_ONCE
     together = jax.tree.map(lambda *leaves: jnp.stack(leaves), *cases)
     batched = jax.vmap(lambda rows, prediction: cost_of(config, rows, prediction))(*together)
     for i, case in enumerate(cases):
