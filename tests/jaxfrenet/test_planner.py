@@ -270,7 +270,7 @@ def test_a_batch_in_parts_gives_what_each_gives_alone(world, plan, config, thing
     found = [world(those, **start) for those in things for start in starts][: TOGETHER + 5]
     states = [jf.reset(config, scenario) for scenario in found]
     batch = (jax.tree.map(lambda *leaves: jnp.stack(leaves), *rows) for rows in (found, states))
-    together = jax.jit(jax.vmap(lambda *one: jf.plan(config, *one, jf.CostWeights())))(*batch)
+    together = jax.jit(jax.vmap(lambda scenario, state: jf.plan(config, scenario, state, jf.CostWeights())))(*batch)
     assert len(set(np.asarray(together.mode).tolist())) >= 3
     assert len(set(np.asarray(together.collision_checked).tolist())) > 3
     for row, (scenario, state) in enumerate(zip(found, states, strict=True)):
