@@ -8,6 +8,7 @@ from typing import Literal
 
 import jaxfrenet as jf
 from experiments._sources import SourceOptions
+from jaxfrenet.config import Sampling
 from scenarios.command_line import UserError
 
 
@@ -19,7 +20,7 @@ class DrivingOptions(SourceOptions):
     """The planner that drives: `default` has fixed cost weights."""
     predictor: Literal["neural", "constant_velocity", "ground_truth"] = "neural"
     """How the planner predicts the traffic."""
-    sampling: Literal["full", "fast", "dense"] = "full"
+    sampling: Sampling = "full"
     """How many trajectories a planning cycle samples: `full` 800, `fast` 180, `dense` 3,564."""
     weights: tuple[str, ...] = ()
     """Cost weights as NAME=VALUE, in place of the default ones; a wrong name lists all."""
