@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from functools import partial
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -22,6 +24,7 @@ from jaxfrenet.scenario import Obstacles, Scenario
 from jaxfrenet.state import Outcome, SimulationState
 from jaxfrenet.trajectories import EgoState, initial_ego_state
 
+Memory = TypeVar("Memory")
 TIME_LIMIT = 13, 10
 """An episode ends after this ratio times the goal's last step, compared in integers."""
 
@@ -36,6 +39,8 @@ class StepReport:
     """`[]`, m/s."""
     costs: Float[Array, "*batch terms"]
     """`[terms]`, unweighted costs of the chosen trajectory, in the order of `weights.names()`."""
+    weights: Float[Array, "*batch terms"]
+    """`[terms]`, the weights of these costs."""
     cost: Float[Array, "*batch"]
     """`[]`, their weighted sum."""
     valid_share: Float[Array, "*batch"]
@@ -124,12 +129,13 @@ def advance(
 def _report(cycle: PlanningCycle, weights: CostWeights) -> StepReport:
     """The step's report; without a feasible trajectory there is none whose costs could be told: zeros."""
     driven = (cycle.mode == PlanMode.NORMAL) | (cycle.mode == PlanMode.EMERGENCY)
-    costs = jnp.where(driven, cycle.costs[cycle.chosen], 0.0)
+    costs, factors = jnp.where(driven, cycle.costs[cycle.chosen], 0.0), weights.values()
     return StepReport(
         mode=cycle.mode,
         desired_speed=cycle.desired_speed,
         costs=costs,
-        cost=costs @ weights.values(),
+        weights=factors,
+        cost=costs @ factors,
         valid_share=jnp.mean(cycle.feasibility.valid),
         feasible_share=jnp.mean(cycle.feasibility.feasible),
         collision_checked=cycle.collision_checked,
@@ -152,12 +158,12 @@ def judge_state(config: PlannerConfig, scenario: Scenario, state: SimulationStat
     end = jnp.max(jnp.where(goal.valid & goal.has_position, goal.arc_length[:, 1], -jnp.inf))
     end = jnp.where(jnp.any(goal.valid & goal.has_position), end, jnp.inf)
     past = (state.ego.arc_length + vehicle.rear_axle_to_center > end) & ~jnp.any(status.in_region)
+    box = ego_box(config, state)
     size = jnp.float32(vehicle.length), jnp.float32(vehicle.width)
-    box = Box.from_heading(center[0], center[1], state.ego.heading, *size)
     road = scenario.road
     off_road = is_off_road(road.segments, road.valid, center, state.ego.heading, *size)
     verdicts = (
-        (hits_recorded(scenario.obstacles, state.step, box), Outcome.COLLISION_OBSTACLE),
+        (jnp.any(hits_recorded(scenario.obstacles, state.step, box)), Outcome.COLLISION_OBSTACLE),
         (off_road, Outcome.COLLISION_ROAD),
         (TIME_LIMIT[1] * state.step > TIME_LIMIT[0] * last_step(goal), Outcome.TIMEOUT),
         (past & ~met, Outcome.PAST_GOAL),
@@ -169,14 +175,22 @@ def judge_state(config: PlannerConfig, scenario: Scenario, state: SimulationStat
     return dataclasses.replace(state, outcome=outcome, met_goal_region=met)
 
 
-def hits_recorded(obstacles: Obstacles, step: Array, box: Box) -> Bool[Array, ""]:
-    """Whether a box meets any obstacle's recorded box at `step`."""
+def ego_box(config: PlannerConfig, state: SimulationState) -> Box:
+    """The box that the ego fills."""
+    center, vehicle = state.center(config.vehicle), config.vehicle
+    return Box.from_heading(
+        center[0], center[1], state.ego.heading, jnp.float32(vehicle.length), jnp.float32(vehicle.width)
+    )
+
+
+def hits_recorded(obstacles: Obstacles, step: Array, box: Box) -> Bool[Array, "obstacles"]:
+    """`[obstacles]`, which obstacles' recorded boxes a box meets at `step`."""
     now = jnp.minimum(step, obstacles.valid.shape[1] - 1)
     position = obstacles.position[:, now]
     others = Box.from_heading(
         position[:, 0], position[:, 1], obstacles.heading[:, now], obstacles.length, obstacles.width
     )
-    return jnp.any(boxes_overlap(box, others) & obstacles.present(step))
+    return boxes_overlap(box, others) & obstacles.present(step)
 
 
 def max_steps(scenario: Scenario) -> int:
@@ -199,23 +213,45 @@ def roll_out(config: PlannerConfig, scenario: Scenario, weights: CostWeights, ma
     """
     if scenario.predictions is None:
         scenario = with_predictions(config, scenario)
-    start = reset(config, scenario)
-    _, report_shape = jax.eval_shape(partial(step, config), scenario, start, weights)
+
+    def drive(_: None, state: SimulationState) -> tuple[None, SimulationState, StepReport]:
+        return None, *step(config, scenario, state, weights)
+
+    return record(drive, None, reset(config, scenario), max_steps)
+
+
+def record(
+    drive: Callable[[Memory, SimulationState], tuple[Memory, SimulationState, StepReport]],
+    memory: Memory,
+    start: SimulationState,
+    max_steps: int,
+) -> Episode:
+    """Drive one step after the other until the episode ends, and keep what happened.
+
+    Args:
+      drive: one step, of memory and state; what it returns is handed to the next.
+      memory: a pytree of what else it needs to know at the first step.
+      start: the state at the first step.
+      max_steps: static; most steps that are driven.
+    """
+    *_, report_shape = jax.eval_shape(drive, memory, start)
     reports = jax.tree.map(lambda leaf: jnp.zeros((max_steps, *leaf.shape), leaf.dtype), report_shape)
     track = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (max_steps + 1,)), start.ego)
 
-    def running(carry: tuple[SimulationState, EgoState, StepReport]) -> Array:
-        state = carry[0]
+    def running(carry: tuple[Memory, SimulationState, EgoState, StepReport]) -> Array:
+        state = carry[1]
         return (state.outcome == Outcome.RUNNING) & (state.step < max_steps)
 
-    def drive(carry: tuple[SimulationState, EgoState, StepReport]) -> tuple[SimulationState, EgoState, StepReport]:
-        state, track, reports = carry
-        moved, report = step(config, scenario, state, weights)
+    def drive_on(
+        carry: tuple[Memory, SimulationState, EgoState, StepReport],
+    ) -> tuple[Memory, SimulationState, EgoState, StepReport]:
+        memory, state, track, reports = carry
+        memory, moved, report = drive(memory, state)
         track = jax.tree.map(lambda row, value: _set_from(row, moved.step, value), track, moved.ego)
         reports = jax.tree.map(lambda row, value: row.at[state.step].set(value), reports, report)
-        return moved, track, reports
+        return memory, moved, track, reports
 
-    state, track, reports = jax.lax.while_loop(running, drive, (start, track, reports))
+    _, state, track, reports = jax.lax.while_loop(running, drive_on, (memory, start, track, reports))
     return Episode(ego=track, reports=reports, outcome=state.outcome, steps=state.step)
 
 

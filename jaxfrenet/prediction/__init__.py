@@ -101,7 +101,7 @@ def _look_up(config: PlannerConfig, scenario: Scenario, table: PredictionTable, 
             "tabulate them anew with with_predictions"
         )
     obstacles = scenario.obstacles
-    now = jnp.minimum(step, obstacles.valid.shape[1] - 1)
+    now = jnp.minimum(step, table.heading.shape[0] - 1)
     xx, xy, yy = jnp.moveaxis(table.covariance[now], -1, 0)
     covariance = jnp.stack([jnp.stack([xx, xy], axis=-1), jnp.stack([xy, yy], axis=-1)], axis=-2)
     heading = table.heading[now]

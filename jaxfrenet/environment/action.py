@@ -1,0 +1,85 @@
+"""What an agent may change: a table of adjustments, and how an action becomes cost weights (paper, "Action Space")."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxfrenet._typing import Array, Float
+from jaxfrenet.costs import COST_TERMS, CostWeights
+
+
+@dataclass(frozen=True)
+class Adjustment:
+    """One number of the action: by how much one cost weight changes in a step."""
+
+    term: str
+    """The cost term whose weight it is."""
+    scale: float
+    """Change of the weight for an action of 1."""
+    low: float
+    """Lowest weight."""
+    high: float
+    """Highest weight."""
+    default: float
+    """Weight at the start of an episode, which the default planner keeps."""
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be adjusted.
+
+        Raises:
+          ValueError: there is no such cost term, or the numbers make no range around the default.
+        """
+        if self.term not in COST_TERMS:
+            raise ValueError(
+                f"adjustment of {self.term!r}: there is no such cost term; there are {', '.join(COST_TERMS)}"
+            )
+        if not (0.0 <= self.low <= self.default <= self.high and self.low < self.high and self.scale > 0.0):
+            raise ValueError(f"adjustment of {self.term!r}: choose a scale above 0, and 0 ≤ low ≤ default ≤ high")
+
+
+PAPER_ADJUSTMENTS = (
+    Adjustment("prediction", scale=20.0, low=0.0, high=400.0, default=200.0),
+    Adjustment("lateral_jerk", scale=0.1, low=0.001, high=2.0, default=1.0),
+    Adjustment("longitudinal_jerk", scale=0.1, low=0.001, high=2.0, default=1.0),
+    Adjustment("distance_to_reference_path", scale=0.1, low=0.001, high=2.0, default=1.0),
+    Adjustment("velocity_offset", scale=0.1, low=0.001, high=2.0, default=1.0),
+)
+"""The paper's action space; any other cost term can be added."""
+
+
+def default_weights(adjustments: tuple[Adjustment, ...]) -> Float[Array, "actions"]:
+    """`[actions]`, the weights at the start of an episode, in the order of the table."""
+    return jnp.asarray(_column(adjustments, "default"))
+
+
+def adjust(
+    adjustments: tuple[Adjustment, ...], weights: Float[Array, "actions"], action: Float[Array, "actions"]
+) -> Float[Array, "actions"]:
+    """The weights after an action: ω ← clip(ω + scale · a, low, high).
+
+    Args:
+      adjustments: the table.
+      weights: `[actions]`, before.
+      action: `[actions]`, clipped to [-1, 1]; what is not a number changes nothing.
+    """
+    change = _column(adjustments, "scale") * jnp.clip(jnp.where(jnp.isnan(action), 0.0, action), -1.0, 1.0)
+    return jnp.clip(weights + change, _column(adjustments, "low"), _column(adjustments, "high"))
+
+
+def normalized(adjustments: tuple[Adjustment, ...], weights: Float[Array, "actions"]) -> Float[Array, "actions"]:
+    """`[actions]`, the weights on the scale from low, -1, to high, 1."""
+    low, high = _column(adjustments, "low"), _column(adjustments, "high")
+    return 2.0 * (weights - low) / (high - low) - 1.0
+
+
+def cost_weights(adjustments: tuple[Adjustment, ...], weights: Float[Array, "actions"]) -> CostWeights:
+    """The planner's weights; terms that the table leaves out are switched off."""
+    every = dict.fromkeys(COST_TERMS) | {one.term: weights[place] for place, one in enumerate(adjustments)}
+    return CostWeights(**every)
+
+
+def _column(adjustments: tuple[Adjustment, ...], name: str) -> np.ndarray:
+    return np.asarray([getattr(one, name) for one in adjustments], np.float32)

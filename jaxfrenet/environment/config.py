@@ -1,0 +1,27 @@
+"""Settings of the learning problem."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from jaxfrenet.config import PlannerConfig
+from jaxfrenet.environment.action import PAPER_ADJUSTMENTS, Adjustment
+
+
+@dataclass(frozen=True)
+class EnvironmentConfig:
+    """What is static about the environment; frozen and hashable."""
+
+    planner: PlannerConfig = PlannerConfig(predictor="neural")
+    adjustments: tuple[Adjustment, ...] = PAPER_ADJUSTMENTS
+    """What the agent may change."""
+
+    def __post_init__(self) -> None:
+        """Refuse a table that no action can be made of.
+
+        Raises:
+          ValueError: it is empty, or a cost term comes twice.
+        """
+        terms = [one.term for one in self.adjustments]
+        if not terms or len(set(terms)) != len(terms):
+            raise ValueError(f"adjustments are {terms}: name at least one cost term, and each once")
