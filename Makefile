@@ -26,5 +26,5 @@ $(READY): pyproject.toml
 	@test -x $(BIN)/python || $(PYTHON) -m venv .venv
 	@echo "installing packages into .venv ..."
 	@$(BIN)/python -m pip install -qq --disable-pip-version-check --editable '.[all]' \
-		|| $(BIN)/python -m pip install -qq --disable-pip-version-check --editable '.[commonroad,experiments,viz,dev]'
+		|| $(BIN)/python -m pip install -qq --disable-pip-version-check --editable '.[commonroad,experiments,gymnasium,viz,dev]'
 	@touch $(READY)

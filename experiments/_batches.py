@@ -6,11 +6,13 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import jax
 
 import jaxfrenet as jf
 import scenarios
+from experiments._planners import Planner
 from scenarios.batching import rounded_up
 
 
@@ -55,8 +57,7 @@ def make_batches(found: Sequence[jf.Scenario], size: int) -> list[Batch]:
 class BatchDriver:
     """Drives batches and keeps account of the time."""
 
-    config: jf.PlannerConfig
-    weights: jf.CostWeights
+    planner: Planner
     seconds: float = 0.0
     """Time [s] that driving took so far."""
     compile_seconds: float = 0.0
@@ -67,7 +68,7 @@ class BatchDriver:
         """Drive a batch to its end; the episodes, as NumPy arrays, by the scenarios' indices."""
         program = self._program(batch)
         start = time.perf_counter()
-        episodes = jax.device_get(program(batch.scenario, self.weights))
+        episodes = jax.device_get(program(self.planner.parameters, batch.scenario))
         self.seconds += time.perf_counter() - start
         rows = [jax.tree.map(lambda leaf, row=row: leaf[row], episodes) for row in range(len(batch.indices))]
         return dict(zip(batch.indices, rows, strict=True))
@@ -82,7 +83,7 @@ class BatchDriver:
         return self._programs[key]
 
     def _compile(self, batch: Batch) -> Callable[..., jf.Episode]:
-        def drive_all(scenario: jf.Scenario, weights: jf.CostWeights) -> jf.Episode:
-            return jax.vmap(lambda one: jf.roll_out(self.config, one, weights, batch.max_steps))(scenario)
+        def drive_all(parameters: Any, scenario: jf.Scenario) -> jf.Episode:
+            return jax.vmap(lambda one: self.planner.roll_out(parameters, one, batch.max_steps))(scenario)
 
-        return jax.jit(drive_all).lower(batch.scenario, self.weights).compile()
+        return jax.jit(drive_all).lower(self.planner.parameters, batch.scenario).compile()

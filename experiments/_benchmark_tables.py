@@ -55,6 +55,15 @@ COLUMNS: dict[str, tuple[Column, ...]] = {
         Column("steps/s", "steps_per_second", _digits(0)),
         COMPILE,
     ),
+    "training": (
+        Column("preset", "preset", str),
+        Column("environments", "environments", _whole),
+        Column("rollout", "rollout_steps", _whole),
+        Column("parameters", "parameters", _whole),
+        Column("steps/s", "steps_per_second", _digits(0)),
+        Column("h/1M steps", "hours_per_million_steps", _digits(2)),
+        COMPILE,
+    ),
     "predictor": (
         Column("predictor", "predictor", str),
         Column("of", "what", str),

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 import jaxfrenet as jf
+from experiments._planners import DefaultPlanner, Planner, load_hybrid
 from experiments._sources import SourceOptions
 from jaxfrenet.config import Sampling
 from scenarios.command_line import UserError
@@ -16,8 +18,10 @@ from scenarios.command_line import UserError
 class DrivingOptions(SourceOptions):
     """What is driven, by which planner."""
 
-    planner: Literal["default"] = "default"
-    """The planner that drives: `default` has fixed cost weights."""
+    planner: Literal["default", "hybrid"] = "default"
+    """The planner that drives: `default` has fixed cost weights, of `hybrid` a trained policy adjusts them."""
+    policy: Path | None = None
+    """Folder of the hybrid planner's policy, written by `train`; the one that comes with the project if not given."""
     predictor: Literal["neural", "constant_velocity", "ground_truth"] = "neural"
     """How the planner predicts the traffic."""
     sampling: Sampling = "full"
@@ -31,6 +35,22 @@ class DrivingOptions(SourceOptions):
     """What is driven when every trajectory collides: what stops hardest, or what risks least for all together."""
     seed: int = 0
     """Seed of everything random; the default planner draws nothing."""
+
+
+def chosen_planner(options: DrivingOptions) -> Planner:
+    """The planner that the options ask for.
+
+    Raises:
+      UserError: an option has no meaning, or contradicts another, or there is no such policy.
+    """
+    config = planner_config(options)
+    if options.planner == "default":
+        if options.policy is not None:
+            raise UserError(f"--policy {options.policy}: only the hybrid planner has one; add --planner hybrid")
+        return DefaultPlanner(config, cost_weights(options.weights))
+    if options.weights:
+        raise UserError(f"--weights {options.weights[0]}: the hybrid planner's policy sets them; leave it out")
+    return load_hybrid(options.policy, config)
 
 
 def planner_config(options: DrivingOptions) -> jf.PlannerConfig:

@@ -1,4 +1,4 @@
-"""How fast whole episodes, the bare closed loop and the predictors run."""
+"""How fast whole episodes, the environment, training and the predictors run."""
 
 from __future__ import annotations
 
@@ -11,10 +11,20 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxfrenet as jf
+import ppo
 from experiments._batches import BatchDriver, make_batches
 from experiments._measuring import Budget, compile_ahead, measure
+from experiments._planners import DefaultPlanner
+from experiments._presets import PRESETS, PresetName
 from jaxfrenet._typing import Array
 from jaxfrenet.config import Sampling
+from jaxfrenet.environment import (
+    DrivingEnvironment,
+    EnvironmentConfig,
+    EnvironmentParams,
+    EnvironmentState,
+    make_params,
+)
 
 Kind = Literal["neural", "constant_velocity", "ground_truth"]
 Extent = Literal["step", "table"]
@@ -31,7 +41,7 @@ PREDICTED_STEP = 20
 
 def measure_episodes(found: Sequence[jf.Scenario], preset: Sampling, batch: int) -> dict[str, Any]:
     """Drive scenarios to their ends, in batches; fewer scenarios than the batch holds are driven more than once."""
-    driver = BatchDriver(jf.PlannerConfig.preset(preset, predictor="neural"), jf.CostWeights())
+    driver = BatchDriver(DefaultPlanner(jf.PlannerConfig.preset(preset, predictor="neural"), jf.CostWeights()))
     repeated = _repeated(found, max(batch, len(found)))
     episodes: dict[int, jf.Episode] = {}
     for one in make_batches(repeated, batch):
@@ -51,40 +61,74 @@ def measure_episodes(found: Sequence[jf.Scenario], preset: Sampling, batch: int)
 def measure_environment(
     found: Sequence[jf.Scenario], preset: Sampling, batch: int, steps: int, budget: Budget
 ) -> dict[str, Any]:
-    """Step a batch, in which every episode that ends starts again; predictions are tabulated before.
+    """Step environments with the zero action; predictions are tabulated before, episodes that end begin anew.
 
     Raises:
       DoesNotFit: it takes more memory than there is.
     """
-    config = jf.PlannerConfig.preset(preset, predictor="neural")
-    scenario = jax.jit(jax.vmap(partial(jf.with_predictions, config)))(_stacked(found, batch))
-    program = compile_ahead(jax.vmap(partial(_step_on, config, steps), in_axes=(0, None)), scenario, jf.CostWeights())
+    environment, params = _environment(found, preset)
+    reset = jax.jit(jax.vmap(environment.reset, (0, None)))
+    states = reset(jax.random.split(jax.random.key(0), batch), params)[1]
+    program = compile_ahead(partial(_step_on, environment, batch, steps), states, params)
     (durations,) = measure([program.run], budget)
     return {
         "preset": preset,
         "batch": batch,
-        "scenarios": min(batch, len(found)),
+        "scenarios": len(found),
         "steps": steps,
-        "ended_episodes": int(np.sum(program.run()[0])),
+        "ended_episodes": int(program.run()),
         "steps_per_second": batch * steps / float(np.median(durations)),
         "repeats": len(durations),
         "compile_seconds": program.compile_seconds,
     }
 
 
+def _environment(found: Sequence[jf.Scenario], preset: Sampling) -> tuple[DrivingEnvironment, EnvironmentParams]:
+    environment = DrivingEnvironment(EnvironmentConfig(jf.PlannerConfig.preset(preset, predictor="neural")))
+    (one,) = make_batches(found, len(found))
+    return environment, make_params(environment.config, one.scenario)
+
+
 def _step_on(
-    config: jf.PlannerConfig, steps: int, scenario: jf.Scenario, weights: jf.CostWeights
-) -> tuple[Array, jf.StepReport]:
-    """Whether each step `[steps]` of one scenario's closed loop ended an episode, and what it reports."""
-    start = jf.reset(config, scenario)
+    environment: DrivingEnvironment, batch: int, steps: int, states: EnvironmentState, params: EnvironmentParams
+) -> Array:
+    """How many episodes ended within some steps."""
+    zero = jnp.zeros((batch, environment.action_size))
 
-    def step(state: jf.SimulationState, _: None) -> tuple[jf.SimulationState, tuple[Array, jf.StepReport]]:
-        moved, report = jf.step(config, scenario, state, weights)
-        ended = moved.outcome != jf.Outcome.RUNNING
-        again = jax.tree.map(lambda fresh, driven: jnp.where(ended, fresh, driven), start, moved)
-        return again, (ended, report)
+    def step(states: EnvironmentState, key: Array) -> tuple[EnvironmentState, Array]:
+        keys = jax.random.split(key, batch)
+        _, states, _, terminated, _, _ = jax.vmap(environment.step, (0, 0, 0, None))(keys, states, zero, params)
+        return states, jnp.sum(terminated.astype(jnp.int32))
 
-    return jax.lax.scan(step, start, length=steps)[1]
+    return jnp.sum(jax.lax.scan(step, states, jax.random.split(jax.random.key(0), steps))[1])
+
+
+def measure_training(found: Sequence[jf.Scenario], name: PresetName, budget: Budget) -> dict[str, Any]:
+    """Train with a preset's networks and batches: one update is a rollout and the learning from it.
+
+    Raises:
+      DoesNotFit: it takes more memory than there is.
+    """
+    preset = PRESETS[name]
+    environment, params = _environment(found, preset.sampling)
+    start = partial(ppo.initial_state, preset.ppo, environment, preset.hyperparameters)
+    state = jax.jit(start)(params, jax.random.key(0))
+    update = partial(ppo.train_update, preset.ppo, environment)
+    program = compile_ahead(update, state, preset.hyperparameters, params)
+    (durations,) = measure([program.run], budget)
+    batch = preset.ppo.environments * preset.ppo.rollout_steps
+    return {
+        "preset": name,
+        "sampling": preset.sampling,
+        "environments": preset.ppo.environments,
+        "rollout_steps": preset.ppo.rollout_steps,
+        "scenarios": len(found),
+        "parameters": sum(leaf.size for leaf in jax.tree.leaves(state.parameters)),
+        "steps_per_second": batch / float(np.median(durations)),
+        "hours_per_million_steps": 1e6 / batch * float(np.median(durations)) / 3600.0,
+        "repeats": len(durations),
+        "compile_seconds": program.compile_seconds,
+    }
 
 
 def measure_predictor(

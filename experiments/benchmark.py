@@ -1,4 +1,4 @@
-"""Time the planner, whole episodes, the predictors and the closed loop, and the C++ reference beside them."""
+"""Time the planner, whole episodes, the environment, training and the predictors, and the C++ reference beside."""
 
 from __future__ import annotations
 
@@ -16,18 +16,25 @@ from tqdm import tqdm
 import jaxfrenet as jf
 from experiments._benchmark_plot import draw_benchmark
 from experiments._benchmark_tables import print_rows
-from experiments._loop_timing import PREDICTIONS, measure_environment, measure_episodes, measure_predictor
+from experiments._loop_timing import (
+    PREDICTIONS,
+    measure_environment,
+    measure_episodes,
+    measure_predictor,
+    measure_training,
+)
 from experiments._machine import Peaks, describe_machine, measure_peaks, most_memory
 from experiments._measuring import Budget, DoesNotFit, memory_watched
 from experiments._planner_timing import Case, arms, measure_case, nearest_level, star
 from experiments._planning_cases import Layout
+from experiments._presets import PresetName
 from experiments._reference import load_reference
 from experiments._sources import SourceOptions, load_scenarios, source_as_plain
 from jaxfrenet.config import Sampling
 from scenarios.command_line import UserError, prepare_folder, print_table, run_command
 from scenarios.files import written_whole
 
-Part = Literal["planner", "episode", "environment", "predictor"]
+Part = Literal["planner", "episode", "environment", "training", "predictor"]
 Job = tuple[str, Callable[[], dict[str, Any]]]
 """What is measured, in words, and what measures it."""
 DIGITS = 5
@@ -40,11 +47,11 @@ class BenchmarkOptions(SourceOptions):
 
     The planner's part varies one thing at a time: batch sizes, layouts and numbers of obstacles, and numbers of
     trajectories. The others are held at 800 trajectories and 5 obstacles, mixed, in a batch of 64, when trajectories
-    are varied in a batch of 1; where a list does not have that value, at the list's first. Episode, environment and
-    predictor run on --scenarios, or on generated ones, as often as it takes to fill a batch.
+    are varied in a batch of 1; where a list does not have that value, at the list's first. All others run on
+    --scenarios, or on generated ones, as often as it takes to fill a batch.
     """
 
-    parts: tuple[Part, ...] = ("planner", "episode", "environment", "predictor")
+    parts: tuple[Part, ...] = ("planner", "episode", "environment", "training", "predictor")
     """What is measured."""
     batch: tuple[int, ...] = (1, 16, 64, 512)
     """Planner: scenarios in a batch; 1 is planned without a batch axis."""
@@ -62,6 +69,8 @@ class BenchmarkOptions(SourceOptions):
     """Episode, environment: scenarios in a batch. The predictor is measured with 1 and the last of these."""
     steps: int = 20
     """Environment: steps in one call."""
+    training: tuple[PresetName, ...] = ("cpu",)
+    """Training: presets of `train`."""
     seconds: float = 2.0
     """Measure each case for at least so long [s]."""
     repeats: int | None = None
@@ -101,7 +110,7 @@ def _check(options: BenchmarkOptions) -> None:
     Raises:
       UserError: an option is empty or out of range, or the reference is not installed.
     """
-    for name in ("parts", "batch", "trajectories", "obstacles", "layouts", "presets", "loop_batch"):
+    for name in ("parts", "batch", "trajectories", "obstacles", "layouts", "presets", "loop_batch", "training"):
         if not getattr(options, name):
             raise UserError(f"--{name.replace('_', '-')} names nothing; name at least one, or leave the option out")
     for name, least in (("batch", 1), ("trajectories", 1), ("obstacles", 0), ("loop_batch", 1)):
@@ -132,6 +141,8 @@ def _jobs(options: BenchmarkOptions, found: Sequence[jf.Scenario], peaks: Peaks 
     if "environment" in options.parts:
         step_on = partial(measure_environment, found, steps=options.steps, budget=budget)
         jobs["environment"] = [(f"{one[0]}, batch {one[1]}", partial(step_on, *one)) for one in loops]
+    if "training" in options.parts:
+        jobs["training"] = [(name, partial(measure_training, found, name, budget)) for name in options.training]
     if "predictor" in options.parts:
         sizes = dict.fromkeys((1, options.loop_batch[-1]))
         jobs["predictor"] = [

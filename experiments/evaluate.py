@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+import json
 import tempfile
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from tqdm import tqdm
 
 import jaxfrenet as jf
 import scenarios
 from experiments._batches import Batch, BatchDriver, make_batches
-from experiments._driving import DrivingOptions, cost_weights, planner_config
+from experiments._comparison import compare, comparison_table
+from experiments._driving import DrivingOptions, chosen_planner, cost_weights
+from experiments._planners import DefaultPlanner, Planner, load_hybrid
 from experiments._results import driven_steps, episode_row, summarize, summary_table, write_results
 from experiments._sources import SourceOptions, load_scenarios, source_as_plain
 from scenarios.command_line import UserError, prepare_folder, print_table, run_command
+from scenarios.files import written_whole
 
 
 @dataclass(frozen=True)
@@ -26,6 +30,9 @@ class EvaluateOptions(DrivingOptions):
 
     batch: int = 8
     """Largest number of scenarios that are driven at once."""
+    compare: tuple[str, ...] | None = None
+    """Drive other planners, too, and show all beside each other: `default`, `shipped` (the policy that comes with the
+    project) or folders of policies; `default` if none is named."""
     solutions: bool = False
     """Also write one CommonRoad solution file per episode."""
     out: Path = Path("runs/evaluate")
@@ -36,19 +43,70 @@ def evaluate(options: EvaluateOptions) -> None:
     """Drive the scenarios that the options name, write the results, and print their table."""
     if options.batch < 1:
         raise UserError(f"--batch {options.batch}: give at least 1")
-    config, weights = planner_config(options), cost_weights(options.weights)
+    planner = chosen_planner(options)
+    others = _others(options, planner.config)
     found = load_scenarios(options)
     folder = prepare_folder(options.out)
-    driver = BatchDriver(config, weights)
-    episodes = _drive(driver, make_batches(found.scenarios, options.batch), len(found.scenarios))
-    names = unique_names(found.infos)
-    rows = [episode_row(*one) for one in zip(names, found.infos, episodes, strict=True)]
-    summary = summarize(rows, found.skipped, driver.seconds, driver.compile_seconds)
+    batches, names = make_batches(found.scenarios, options.batch), unique_names(found.infos)
+    driven = _driven(planner, batches, found, names)
     if options.solutions:
-        _write_solutions(folder / "solutions", names, found, episodes, config.vehicle)
-    write_results(folder, _as_plain(options, weights), summary, rows)
-    print_table(summary_table(summary), "outcomes")
+        _write_solutions(folder / "solutions", names, found, driven.episodes, planner.config.vehicle)
+    config = _as_plain(options)
+    beside = {name: _driven(other, batches, found, names) for name, other in others.items()}
+    for name, other in beside.items():
+        write_results(prepare_folder(folder / name), config | {"planner": name}, other.summary, other.rows)
+    print_table(summary_table(driven.summary), "outcomes")
+    if beside:
+        compared = compare({name: one.rows for name, one in beside.items()} | {_own_name(options): driven.rows})
+        print("\n".join(comparison_table(compared)))
+        with written_whole(folder / "comparison.json") as file:
+            file.write(json.dumps(compared, indent=1, allow_nan=False).encode() + b"\n")
+    write_results(folder, config, driven.summary, driven.rows)
     print(f"written to {folder / 'results.json'} and episodes.csv")
+
+
+class Driven(NamedTuple):
+    """What one planner did."""
+
+    episodes: list[jf.Episode]
+    rows: list[dict[str, Any]]
+    summary: dict[str, Any]
+
+
+def _driven(planner: Planner, batches: Sequence[Batch], found: scenarios.ScenarioSet, names: Sequence[str]) -> Driven:
+    driver = BatchDriver(planner)
+    episodes = _drive(driver, batches, len(found.scenarios))
+    rows = [episode_row(*one) for one in zip(names, found.infos, episodes, strict=True)]
+    return Driven(episodes, rows, summarize(rows, found.skipped, driver.seconds, driver.compile_seconds))
+
+
+def _own_name(options: EvaluateOptions) -> str:
+    """What the planner that the options ask for is called in a comparison."""
+    if options.planner == "default":
+        return "default, own weights" if options.weights else "default"
+    return "shipped" if options.policy is None else str(options.policy)
+
+
+def _others(options: EvaluateOptions, config: jf.PlannerConfig) -> dict[str, Planner]:
+    """Planners to compare with, by the names of their folders; the default planner is the first.
+
+    Raises:
+      UserError: a name stands for no policy, or for the planner itself.
+    """
+    if options.compare is None:
+        return {}
+    words = dict.fromkeys(options.compare or ("default",))
+    others: dict[str, Planner] = {}
+    for word in sorted(words, key=lambda word: word != "default"):
+        if word == _own_name(options):
+            raise UserError(f"--compare {word}: is the planner itself; name another one, or add --planner hybrid")
+        if word == "default":
+            others[word] = DefaultPlanner(config, jf.CostWeights())
+        else:
+            folder = None if word == "shipped" else Path(word)
+            name = word if folder is None else "_".join(part for part in folder.parts if part.strip("./"))
+            others[name] = load_hybrid(folder, config)
+    return others
 
 
 def _drive(driver: BatchDriver, batches: Sequence[Batch], total: int) -> list[jf.Episode]:
@@ -94,12 +152,14 @@ def _write_solutions(
         fresh.rename(folder)
 
 
-def _as_plain(options: EvaluateOptions, weights: jf.CostWeights) -> dict[str, Any]:
-    """The options as JSON can hold them, with all weights that rank trajectories."""
+def _as_plain(options: EvaluateOptions) -> dict[str, Any]:
+    """The options as JSON can hold them; with all weights that rank trajectories, where they are fixed."""
     source = {field.name for field in fields(SourceOptions)}
     rest = {name: value for name, value in asdict(options).items() if name not in source}
-    ranking = {name: getattr(weights, name) for name in weights.names()}
-    return source_as_plain(options) | rest | {"weights": ranking, "out": str(options.out)}
+    paths = {name: None if rest[name] is None else str(rest[name]) for name in ("out", "policy")}
+    weights = cost_weights(options.weights)
+    ranking = {name: getattr(weights, name) for name in weights.names()} if options.planner == "default" else None
+    return source_as_plain(options) | rest | paths | {"weights": ranking}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 import jaxfrenet as jf
 import scenarios
-from experiments._driving import DrivingOptions, cost_weights, planner_config
+from experiments._driving import DrivingOptions, chosen_planner
 from experiments._movies import write_gif, write_mp4
 from experiments._recording import Recording, record
 from experiments._road_view import RoadView
@@ -104,13 +104,13 @@ def choose(found: scenarios.ScenarioSet, name: str | None) -> int:
 
 def view(options: ViewOptions) -> None:
     """Drive the chosen scenario, write its pictures, and print where they are."""
-    config, weights = planner_config(options), cost_weights(options.weights)
+    planner = chosen_planner(options)
     found = load_scenarios(options)
     index = choose(found, options.name)
     folder = prepare_folder(options.out)
     with tqdm(desc="driving", unit=" steps", mininterval=1.0, total=jf.max_steps(found.scenarios[index])) as bar:
-        recording = record(config, found.infos[index].name, found.scenarios[index], weights, bar.update)
-    film = Film(recording, config.vehicle)
+        recording = record(planner, found.infos[index].name, found.scenarios[index], bar.update)
+    film = Film(recording, planner.config.vehicle)
     still = folder / f"{recording.name}.png"
     with written_whole(still) as file:
         Image.fromarray(film.frame(key_step(recording))).quantize(256, dither=Image.Dither.NONE).save(file, "PNG")

@@ -23,6 +23,8 @@ from jaxfrenet.reference_path import ReferencePath, look_up_columns
 from jaxfrenet.scenario import Lanes
 from jaxfrenet.trajectories import Bundle, Rows
 
+LARGEST_COST = 1e12
+"""Costs end here, so that their squares and sums stay finite."""
 Weight = Array | float | None
 """A number, an array of shape `[]` (or `[batch]` under `vmap`), or nothing."""
 
@@ -71,8 +73,12 @@ class CostInputs:
 
 
 def evaluate(config: PlannerConfig, weights: CostWeights, inputs: CostInputs) -> Float[Array, "trajectories terms"]:
-    """Unweighted costs `[trajectories, terms]` of the terms that are switched on, in the order of `weights.names()`."""
-    return jnp.stack([COST_TERMS[name](config, inputs).reshape(-1) for name in weights.names()], axis=-1)
+    """Unweighted costs `[trajectories, terms]` of the terms that are switched on, in the order of `weights.names()`.
+
+    At most `LARGEST_COST`, also where an infeasible trajectory's speed or curvature leaves float32's range.
+    """
+    every = jnp.stack([COST_TERMS[name](config, inputs).reshape(-1) for name in weights.names()], axis=-1)
+    return jnp.where(every < LARGEST_COST, every, LARGEST_COST)
 
 
 def _norm(value: Array) -> Array:

@@ -12,6 +12,9 @@ import jax.numpy as jnp
 
 from jaxfrenet._typing import Array, Float
 
+SHORTEST_SPAN = 1e-5
+"""Below this span [s, or m] the jerk of a quintic would leave float32's range."""
+
 
 def speed_shapes(tau: Any) -> tuple[tuple[Any, Any, Any], ...]:
     """Shape functions of the quartic that ends at a given speed without acceleration.
@@ -64,8 +67,9 @@ def quintic_jerk(
     """√(∫₀ᶻ p⃛² dz) of the quintic with p′(0) = `slope`, p″(0) = `bend`, that moves by `shift` over `span`, to rest.
 
     [m/s^2.5] over time, [m^-1.5] over arc length. The third derivative is quadratic; in Legendre polynomials, which
-    are orthogonal, the integral is a sum of squares.
+    are orthogonal, the integral is a sum of squares. Spans below `SHORTEST_SPAN` count as that long.
     """
+    span = jnp.maximum(span, SHORTEST_SPAN)
     slope, bend = slope * span, bend * span**2
     missing = shift - slope - bend / 2
     cubic = 10 * missing + 4 * (slope + bend) - bend / 2

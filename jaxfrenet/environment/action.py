@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import jax.numpy as jnp
@@ -36,8 +37,11 @@ class Adjustment:
             raise ValueError(
                 f"adjustment of {self.term!r}: there is no such cost term; there are {', '.join(COST_TERMS)}"
             )
-        if not (0.0 <= self.low <= self.default <= self.high and self.low < self.high and self.scale > 0.0):
-            raise ValueError(f"adjustment of {self.term!r}: choose a scale above 0, and 0 ≤ low ≤ default ≤ high")
+        ordered = 0.0 <= self.low <= self.default <= self.high < math.inf and self.low < self.high
+        if not (ordered and 0.0 < self.scale < math.inf):
+            raise ValueError(
+                f"adjustment of {self.term!r}: choose finite numbers, a scale above 0, and 0 ≤ low ≤ default ≤ high"
+            )
 
 
 PAPER_ADJUSTMENTS = (

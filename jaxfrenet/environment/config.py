@@ -22,6 +22,7 @@ class EnvironmentConfig:
         Raises:
           ValueError: it is empty, or a cost term comes twice.
         """
+        object.__setattr__(self, "adjustments", tuple(self.adjustments))
         terms = [one.term for one in self.adjustments]
         if not terms or len(set(terms)) != len(terms):
             raise ValueError(f"adjustments are {terms}: name at least one cost term, and each once")

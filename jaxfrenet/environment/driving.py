@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache
 from typing import Any
 
 import jax
@@ -75,11 +75,15 @@ def make_params(
       rewards: what the reward's terms count; the published factors if not given.
       shares: `[scenarios]`, how often each is drawn, relative to the others; all alike if not given.
       progress: called with the number of scenarios that were tabulated since the last time.
+
+    Raises:
+      ValueError: there are not as many shares as scenarios, or they cannot be drawn by.
     """
-    prepare = jax.jit(jax.vmap(partial(_prepared, config)))
     count = scenarios.origin.shape[0]
-    tabulated, starts = _in_chunks(prepare, scenarios, min(TABULATED_TOGETHER, count), progress)
     shares = jnp.ones(count) if shares is None else shares
+    if shares.shape != (count,) or not (jnp.all(shares >= 0.0) & (jnp.sum(shares) > 0.0) & (jnp.sum(shares) < jnp.inf)):
+        raise ValueError(f"shares of {count} scenarios: give as many numbers of at least 0, not all of them 0")
+    tabulated, starts = _in_chunks(_preparation(config), scenarios, min(TABULATED_TOGETHER, count), progress)
     chances = jnp.cumsum(shares / jnp.sum(shares))
     return EnvironmentParams(_as_arrays(rewards), tabulated, starts, chances)
 
@@ -88,8 +92,12 @@ def _as_arrays(rewards: RewardFactors | None) -> RewardFactors:
     return jax.tree.map(jnp.float32, rewards or RewardFactors())
 
 
-def _prepared(config: EnvironmentConfig, scenario: Scenario) -> tuple[Scenario, Situation]:
-    return with_predictions(config.planner, scenario), begin(config, scenario)
+@cache
+def _preparation(config: EnvironmentConfig) -> Callable[[Scenario], tuple[Scenario, Situation]]:
+    def prepared(scenario: Scenario) -> tuple[Scenario, Situation]:
+        return with_predictions(config.planner, scenario), begin(config, scenario)
+
+    return jax.jit(jax.vmap(prepared))
 
 
 def _in_chunks(function: Callable[[Any], Any], batch: Any, size: int, progress: Callable[[int], object]) -> Any:

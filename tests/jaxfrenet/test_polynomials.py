@@ -51,3 +51,10 @@ def test_quintic(span, offset, slope, bend, end):
     squared = (exact.deriv(3) ** 2).integ()
     jerk = quintic_jerk(*(jnp.float32(value) for value in (span, slope, bend, end - offset)))
     np.testing.assert_allclose(jerk, np.sqrt(abs(squared(span) - squared(0))), rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("span", [0.0, 1e-12, 1e-6, 1e-4])
+def test_jerk_over_hardly_any_span_is_finite(span):
+    shift = jnp.asarray([0.0, 1e-6, 3.5])
+    jerk = quintic_jerk(jnp.float32(span), jnp.float32(0.3), jnp.float32(-0.2), shift)
+    assert np.all(np.isfinite(np.square(jerk)))

@@ -114,7 +114,7 @@ def check_traffic(path: Path, verdicts: dict[str, np.ndarray]):
 
     def verdict(pose):
         box = Box.from_heading(pose[1], pose[2], pose[3], jnp.float32(4.508), jnp.float32(1.610))
-        return hits_recorded(obstacles, pose[0].astype(jnp.int32), box)
+        return jnp.any(hits_recorded(obstacles, pose[0].astype(jnp.int32), box))
 
     ours = np.asarray(jax.jit(lambda all_: jax.lax.map(verdict, all_, batch_size=1000))(poses))
     assert_agreement(verdicts["hit"], verdicts["near_hit"], ours)

@@ -1,0 +1,190 @@
+"""Scenarios to train and to validate on, as parameters of the environment."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from tqdm import tqdm
+
+import jaxfrenet as jf
+import ppo
+import scenarios
+from experiments._sources import load_files, named_draws
+from jaxfrenet._typing import Array
+from jaxfrenet.environment import DrivingEnvironment, EnvironmentParams, RewardFactors, make_params
+from scenarios import Dataset
+from scenarios.batching import rounded_up
+from scenarios.command_line import UserError
+from scenarios.families import LARGEST_SEED
+
+VALIDATION = 0.15
+"""Generated scenarios to validate on, relative to those to train on."""
+TOGETHER = 32
+"""Scenarios that the default planner drives at once."""
+RISKY = 1e-12
+"""Mean risk, to the ego and others together, from which on a scenario that ended well counts as hard."""
+
+
+class TrainingSets(NamedTuple):
+    """What is learnt from, and what is measured on."""
+
+    train: Dataset
+    validation: Dataset
+    groups: tuple[int, ...]
+    """How many of the scenarios to train on come from each source: files, and each kind that was generated."""
+
+    def parts(self) -> tuple[Dataset, Dataset]:
+        """Both sets of scenarios."""
+        return self.train, self.validation
+
+    def max_steps(self) -> int:
+        """Steps after which every episode has ended."""
+        return max(jf.max_steps(one) for part in self.parts() for one in part.scenarios)
+
+
+class Driven(NamedTuple):
+    """How episodes went; `[episodes]` each."""
+
+    returns: np.ndarray | Array
+    """Sums of rewards."""
+    steps: np.ndarray | Array
+    episode: dict[str, np.ndarray] | dict[str, Array]
+    """Summaries, see `DrivingEnvironment.step`."""
+
+    @property
+    def hard(self) -> np.ndarray:
+        """Which ended badly, or were risky."""
+        episode = {name: np.asarray(value) for name, value in self.episode.items()}
+        risk = episode["mean_ego_risk"] + episode["mean_third_party_risk"]
+        return (episode["outcome/goal_reached_in_time"] < 0.5) | (risk > RISKY)
+
+
+def training_sets(
+    files: Sequence[Path], validation: Sequence[Path], kinds: tuple[str, ...], count: int, seed: int
+) -> TrainingSets:
+    """Read and generate what to train on, and what to validate on.
+
+    Unless files are named for it, validation has 15 % of the files, and for each kind other generated scenarios.
+
+    Args:
+      files: CommonRoad files, folders, archives or `.npz` sets to train on.
+      validation: the same to validate on, if there are any.
+      kinds: kinds of scenarios to generate, `FAMILY` or `FAMILY:PRESET`.
+      count: how many to generate of each; 0 for none.
+      seed: of the generator.
+
+    Raises:
+      UserError: nothing is left to train or to validate on.
+      ScenarioError: a source holds nothing that can be driven.
+    """
+    train, held_out = [], []
+    if files:
+        parts = Dataset.from_set(load_files(tuple(files))).split()
+        rest = (parts.test, parts.validation) if validation else (parts.test,)
+        train, held_out = [_joined([parts.train, *rest])], [parts.validation]
+    if count:
+        named = named_draws(kinds, count, seed)
+        others = named_draws(kinds, max(1, round(VALIDATION * count)), (seed + 1) % LARGEST_SEED)
+        for name in tqdm(named, "generating", unit=" kinds", delay=5.0):
+            train.append(Dataset.from_generator(named[name]))
+            held_out.append(Dataset.from_generator(others[name]))
+    if validation:
+        held_out = [Dataset.from_set(load_files(tuple(validation)))]
+    sets = TrainingSets(_joined(train), _joined(held_out), tuple(len(group) for group in train))
+    for name, part in zip(("training", "validation"), sets.parts(), strict=True):
+        if not len(part):
+            raise UserError(f"no scenario is left for {name}; give more with --generate, or files")
+    return sets
+
+
+def _joined(parts: Sequence[Dataset]) -> Dataset:
+    every = [one for part in parts for one in part.scenarios], [one for part in parts for one in part.infos]
+    return Dataset(tuple(every[0]), tuple(every[1]))
+
+
+def environment_params(
+    environment: DrivingEnvironment, sets: TrainingSets, rewards: RewardFactors
+) -> tuple[EnvironmentParams, EnvironmentParams]:
+    """Parameters for training, and for validation with one scenario per element of a leading axis.
+
+    Predictions are tabulated, which takes a while. All arrays have the same sizes, so that programs can be shared.
+    """
+    sizes = [scenarios.sizes_of(one) for part in sets.parts() for one in part.scenarios]
+    common = {axis: rounded_up(max(size[axis] for size in sizes)) for axis in sizes[0]}
+    made = []
+    with tqdm(total=len(sizes), desc="predicting traffic", unit=" scenarios", delay=5.0) as bar:
+        for part in sets.parts():
+            made.append(make_params(environment.config, part.stacked(common), rewards, progress=bar.update))
+    return made[0], one_each(made[1])
+
+
+def one_each(params: EnvironmentParams) -> EnvironmentParams:
+    """Parameters with a leading axis, along which each element has a single scenario."""
+    assert params.chances is not None
+    count = params.chances.shape[0]
+    scenarios, starts = jax.tree.map(lambda leaf: leaf[:, None], (params.scenarios, params.starts))
+    rewards = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (count,)), params.rewards)
+    return EnvironmentParams(rewards, scenarios, starts, jnp.ones((count, 1)))
+
+
+def drive_default(
+    environment: DrivingEnvironment, params: EnvironmentParams, max_steps: int, description: str
+) -> Driven:
+    """Drive every scenario with the zero action: what learning has to beat.
+
+    Args:
+      environment: says how it is driven.
+      params: with a leading axis, see `one_each`.
+      max_steps: steps after which every episode has ended.
+      description: what the progress bar says.
+    """
+    count = jax.tree.leaves(params)[0].shape[0]
+    run = jax.jit(_zero_driver(environment, max_steps))
+    parts = []
+    with tqdm(total=count, desc=description, unit=" scenarios", delay=5.0) as bar:
+        for first in range(0, count, TOGETHER):
+            chosen = np.minimum(np.arange(first, first + TOGETHER), count - 1)
+            some = jax.tree.map(lambda leaf, chosen=chosen: leaf[chosen], params)
+            new = min(TOGETHER, count - first)
+            parts.append(jax.tree.map(lambda leaf, new=new: leaf[:new], jax.device_get(run(some))))
+            bar.update(new)
+    return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
+
+
+def _zero_driver(environment: DrivingEnvironment, max_steps: int) -> Callable[[EnvironmentParams], Driven]:
+    def act(carry: None, observation: Array, reset: Array) -> tuple[None, Array]:
+        return None, jnp.zeros((observation.shape[0], environment.action_size))
+
+    def run(params: EnvironmentParams) -> Driven:
+        keys = jax.random.split(jax.random.key(0), jax.tree.leaves(params)[0].shape[0])
+        found = ppo.evaluate(environment, act, params, keys, max_steps)
+        return Driven(found.returns, found.lengths, found.episode)
+
+    return run
+
+
+def shares(hard: np.ndarray, groups: Sequence[int], hard_share: float) -> Array:
+    """`[scenarios]`, how often each is drawn: every group alike, and within it the hard ones at least `hard_share`.
+
+    Args:
+      hard: `[scenarios]` bool, group after group.
+      groups: sizes of the groups.
+      hard_share: share of a group's draws.
+    """
+    return jnp.asarray(np.concatenate([_within(part, hard_share) for part in _cut(hard, groups)]), jnp.float32)
+
+
+def _cut(values: np.ndarray, sizes: Sequence[int]) -> list[np.ndarray]:
+    return [part for part in np.split(values, np.cumsum(sizes)[:-1]) if len(part)]
+
+
+def _within(hard: np.ndarray, hard_share: float) -> np.ndarray:
+    """Shares in one group; their sum is 1."""
+    count, total = int(np.sum(hard)), len(hard)
+    share = max(hard_share, count / total) if 0 < count < total else count / total
+    return np.where(hard, share / max(count, 1), (1.0 - share) / max(total - count, 1))

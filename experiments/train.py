@@ -1,0 +1,460 @@
+"""Train the hybrid planner: recurrent PPO adjusts the planner's cost weights while it drives."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import tyro
+from jax.sharding import Mesh
+from tqdm import tqdm
+
+import jaxfrenet as jf
+import ppo
+from experiments._learning_curve import draw_learning_curve
+from experiments._planners import describe
+from experiments._presets import PRESETS, Preset, PresetName
+from experiments._training_log import TrainingLog, read_metrics
+from experiments._training_sets import (
+    Driven,
+    TrainingSets,
+    drive_default,
+    environment_params,
+    one_each,
+    shares,
+    training_sets,
+)
+from jaxfrenet._typing import Array
+from jaxfrenet.config import Sampling
+from jaxfrenet.environment import DrivingEnvironment, EnvironmentConfig, EnvironmentParams, RewardFactors
+from scenarios.command_line import UserError, prepare_folder, run_command
+from scenarios.files import written_whole
+
+CHUNK = 5
+"""Updates in one call of the compiled program."""
+MINIMA = {"total_steps": 1, "validate_every": 1, "generate": 0, "seeds": 1, "devices": 1, "processes": 1}
+"""Lowest values of options."""
+
+
+@dataclass(frozen=True)
+class TrainOptions:
+    """Train the hybrid planner: policy/ (the best on validation), metrics.jsonl, TensorBoard events, checkpoints/."""
+
+    preset: PresetName = "cpu"
+    """Settings of everything else: `quick` takes a few minutes, `cpu` an hour, `gpu` is for one large GPU, `paper` has
+    the paper's own numbers."""
+    total_steps: int | None = None
+    """Environment steps, if not as many as the preset has."""
+    validate_every: int | None = None
+    """Updates between validations, if not as many as the preset has; a checkpoint is written with each."""
+    scenarios: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="PATH...")] = ()
+    """CommonRoad files, folders or archives of them, or .npz sets, to train on; none are generated then, unless
+    --generate asks for it."""
+    generate: int | None = None
+    """How many scenarios to generate of every kind, if not as many as the preset has."""
+    kinds: tuple[str, ...] = ("tjunction:commonroad", "tjunction:hard")
+    """Kinds to generate, each FAMILY or FAMILY:PRESET."""
+    generator_seed: int = 0
+    """Seed of the generated scenarios."""
+    validation: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="PATH...")] = ()
+    """Files to validate on; if none are named, 15 % of the files, and further generated scenarios."""
+    hard_share: float = 0.5
+    """Share of episodes in scenarios that are hard for the default planner (end badly, or have any risk), of every
+    source of scenarios."""
+    predictor: Literal["neural", "constant_velocity", "ground_truth"] = "neural"
+    """How the planner predicts the traffic."""
+    sampling: Sampling | None = None
+    """How many trajectories a planning cycle samples, if not as the preset has it: `fast`, `full` or `dense`."""
+    rewards: tuple[str, ...] = ()
+    """Factors of the reward as NAME=VALUE, in place of the published ones; a wrong name lists all."""
+    hyperparameters: tuple[str, ...] = ()
+    """PPO's hyperparameters as NAME=VALUE, in place of the preset's; a wrong name lists all."""
+    seeds: int = 1
+    """How many runs to train side by side, which differ in their random numbers."""
+    seed: int = 0
+    """Seed of everything random in training."""
+    devices: int | None = None
+    """Devices that share the environments; all that there are if not given."""
+    distributed: bool = False
+    """Train with several processes, one on each machine: start the same command on all of them."""
+    coordinator: str | None = None
+    """ADDRESS:PORT of the first process, where the cluster does not tell."""
+    processes: int | None = None
+    """Number of processes, where the cluster does not tell; also --process."""
+    process: int | None = None
+    """Number of this process, from 0."""
+    resume: bool = False
+    """Go on from the last checkpoint in the folder."""
+    out: Path = Path("runs/train")
+    """Folder for the results."""
+
+
+class Problem(NamedTuple):
+    """What is learned."""
+
+    environment: DrivingEnvironment
+    train: EnvironmentParams
+    validation: EnvironmentParams
+    """`[scenarios]` on every leaf, filled up to a number that the devices can share."""
+    counted: Array
+    """`[scenarios]`, 1 for those that count in validation, 0 for the rest."""
+    max_steps: int
+    """Steps after which every episode has ended."""
+    baseline: dict[str, float]
+    """What validation says of the default planner."""
+
+
+class Runs(NamedTuple):
+    """Training, compiled."""
+
+    state: ppo.TrainingState
+    """With a leading axis of runs, if there are several."""
+    advance: Callable[..., tuple[ppo.TrainingState, Any, Any]]
+    """(state, hyperparameters, train, validation, counted, whether to validate) → state, metrics, scores."""
+
+
+def train(options: TrainOptions) -> None:
+    """Train, validate, keep the best policy, and print how good it is."""
+    preset = _settings(options)
+    rewards = RewardFactors(**_named_numbers("--rewards", options.rewards, RewardFactors()))
+    folder = prepare_folder(options.out)
+    _start_processes(options)
+    mesh = _mesh(options, preset)
+    first = jax.process_index() == 0
+    if first:
+        _settle_config(folder, options, preset)
+    problem = _problem(options, preset, rewards, mesh)
+    checkpoints = ppo.Checkpoints(folder / "checkpoints")
+    runs = _runs(options, preset, problem, mesh)
+    restored = checkpoints.restore(runs.state, _report_skipped) if options.resume else None
+    state, done = restored or (runs.state, 0)
+    with _log(folder, done if restored else None, first) as log:
+        if log is not None and not restored:
+            log.write("baseline", 0, 0, problem.baseline)
+        state = _train(options, preset, problem, runs, state, done, checkpoints, log, folder)
+    if first:
+        _finish(folder, problem, preset, state)
+
+
+def _settings(options: TrainOptions) -> Preset:
+    """The preset with what the command line changes.
+
+    Raises:
+      UserError: a number makes no sense.
+    """
+    preset = PRESETS[options.preset]
+    for name, least in MINIMA.items():
+        value = getattr(options, name)
+        if value is not None and value < least:
+            raise UserError(f"--{name.replace('_', '-')} {value}: give at least {least}")
+    if not 0.0 <= options.hard_share < 1.0:
+        raise UserError(f"--hard-share {options.hard_share}: give a number from 0 to below 1")
+    generate = (0 if options.scenarios else preset.generate) if options.generate is None else options.generate
+    if not generate and not options.scenarios:
+        raise UserError("--generate 0 leaves nothing to train on; name files with --scenarios")
+    try:
+        changed = _named_numbers("--hyperparameters", options.hyperparameters, preset.hyperparameters)
+        hyperparameters = replace(preset.hyperparameters, **changed)
+    except ValueError as error:
+        raise UserError(f"--hyperparameters: {str(error).removeprefix('Hyperparameters.')}") from None
+    return replace(
+        preset,
+        hyperparameters=hyperparameters,
+        total_steps=options.total_steps or preset.total_steps,
+        sampling=options.sampling or preset.sampling,
+        generate=generate,
+        validate_every=options.validate_every or preset.validate_every,
+    )
+
+
+def _named_numbers(flag: str, words: tuple[str, ...], known: Any) -> dict[str, float]:
+    """Numbers by name from `NAME=VALUE` words; `known` is a dataclass whose fields are the names."""
+    names, found = [field.name for field in fields(known)], {}
+    for word in words:
+        name, _, value = word.partition("=")
+        if name not in names:
+            raise UserError(f"{flag} {word}: there is no {name!r}; there are {', '.join(names)}")
+        try:
+            found[name] = float(value)
+        except ValueError:
+            found[name] = float("nan")
+        if not np.isfinite(found[name]):
+            raise UserError(f"{flag} {word}: {value!r} is not a finite number; write for example {name}=0.1")
+    return found
+
+
+def _start_processes(options: TrainOptions) -> None:
+    if not options.distributed:
+        return
+    try:
+        jax.distributed.initialize(options.coordinator, options.processes, options.process)
+    except (ValueError, RuntimeError) as error:
+        reason = str(error).splitlines()[0]
+        raise UserError(f"--distributed: {reason}; give --coordinator, --processes and --process") from None
+
+
+def _mesh(options: TrainOptions, preset: Preset) -> Mesh | None:
+    """The devices that share the environments, None for a single one.
+
+    Raises:
+      UserError: there are not so many, or they cannot share the environments evenly.
+    """
+    every = jax.devices()
+    count = len(every) if options.devices is None else options.devices
+    if count > len(every):
+        raise UserError(f"--devices {count}: there are {len(every)}")
+    if count == 1:
+        return None
+    if options.seeds > 1:
+        raise UserError(f"--seeds {options.seeds} runs on one device; add --devices 1")
+    if preset.ppo.environments % count:
+        raise UserError(f"--devices {count}: cannot share {preset.ppo.environments} environments evenly")
+    return ppo.environment_mesh(every[:count])
+
+
+def _settle_config(folder: Path, options: TrainOptions, preset: Preset) -> None:
+    """Write the options, or make sure that a run that is resumed had the same ones."""
+    free = "resume", "out", "total_steps", "devices", "distributed", "coordinator", "processes", "process"
+    plain = {name: value for name, value in asdict(options).items() if name not in free}
+    document = {"options": json.loads(json.dumps(plain, default=str)), "preset": _preset_as_plain(preset)}
+    file = folder / "config.json"
+    if options.resume and file.is_file():
+        earlier = json.loads(file.read_text())
+        for name, value in document["options"].items():
+            if (had := earlier["options"].get(name)) != value:
+                raise UserError(f"{file}: the run had --{name.replace('_', '-')} {had}; resume with the same options")
+    elif not options.resume and ppo.Checkpoints(folder / "checkpoints").steps():
+        raise UserError(f"{folder}: holds another run; go on with --resume, or name another folder with --out")
+    with written_whole(file) as handle:
+        handle.write(json.dumps(document, indent=1).encode() + b"\n")
+
+
+def _preset_as_plain(preset: Preset) -> dict[str, Any]:
+    return {
+        "ppo": asdict(preset.ppo),
+        "hyperparameters": vars(preset.hyperparameters),
+        **{name: getattr(preset, name) for name in ("total_steps", "sampling", "generate", "validate_every")},
+    }
+
+
+def _problem(options: TrainOptions, preset: Preset, rewards: RewardFactors, mesh: Mesh | None) -> Problem:
+    """Scenarios, their predictions, and what the default planner makes of them."""
+    planner = jf.PlannerConfig.preset(preset.sampling, predictor=options.predictor)
+    environment = DrivingEnvironment(EnvironmentConfig(planner))
+    sets = training_sets(options.scenarios, options.validation, options.kinds, preset.generate, options.generator_seed)
+    max_steps = sets.max_steps()
+    train, validation = environment_params(environment, sets, rewards)
+    hard = drive_default(environment, one_each(train), max_steps, "default planner: training set").hard
+    train = replace(train, chances=jnp.cumsum(shares(hard, sets.groups, options.hard_share)))
+    baseline = _scores(drive_default(environment, validation, max_steps, "default planner: validation set"), None)[1]
+    _print_sets(sets, hard)
+    counted = jnp.ones(len(sets.validation))
+    if mesh is not None:
+        missing = -len(sets.validation) % mesh.size
+        filled = jnp.minimum(jnp.arange(len(sets.validation) + missing), len(sets.validation) - 1)
+        validation = jax.tree.map(lambda leaf: leaf[filled], validation)
+        counted = jnp.append(counted, jnp.zeros(missing))
+        train, validation, counted = ppo.replicate((train, validation, counted), mesh)
+    return Problem(environment, train, validation, counted, max_steps, {k: float(v) for k, v in baseline.items()})
+
+
+def _print_sets(sets: TrainingSets, hard: np.ndarray) -> None:
+    if jax.process_index() == 0:
+        print(
+            f"{len(sets.train)} scenarios to train on, {int(np.sum(hard))} of them hard for the default planner; "
+            f"{len(sets.validation)} to validate on",
+            flush=True,
+        )
+
+
+def _scores(driven: Driven, counted: Array | None) -> tuple[Array, dict[str, Array]]:
+    """The mean return of episodes, and means of all that is told about them."""
+
+    def mean(values: Any) -> Array:
+        weights = jnp.ones(len(values)) if counted is None else counted
+        return jnp.sum(jnp.asarray(values, jnp.float32) * weights) / jnp.sum(weights)
+
+    told = {name: mean(value) for name, value in driven.episode.items()}
+    return mean(driven.returns), {"return": mean(driven.returns), "length": mean(driven.steps)} | told
+
+
+def _runs(options: TrainOptions, preset: Preset, problem: Problem, mesh: Mesh | None) -> Runs:
+    """The state before training and the program that goes on from it."""
+    config, environment = preset.ppo, problem.environment
+    episodes = problem.counted.shape[0]
+
+    def judge(policy: ppo.Policy, params: EnvironmentParams, counted: Array) -> tuple[Array, dict[str, Array]]:
+        def act(carry: Any, observation: Array, reset: Array) -> tuple[Any, Array]:
+            return ppo.act(policy, carry, observation, reset)
+
+        keys = jax.random.split(jax.random.key(0), episodes)
+        carry = ppo.initial_carry(policy, (episodes,))
+        found = ppo.evaluate(environment, act, params, keys, problem.max_steps, carry, mesh)
+        return _scores(Driven(found.returns, found.lengths, found.episode), counted)
+
+    def advance(state, hyperparameters, train, validation, counted, validate):
+        return ppo.train_chunk(
+            config, environment, state, hyperparameters, train, CHUNK, validate,
+            lambda policy: judge(policy, validation, counted), mesh,
+        )  # fmt: skip
+
+    def start(key: Array) -> ppo.TrainingState:
+        return ppo.initial_state(config, environment, preset.hyperparameters, problem.train, key, mesh)
+
+    key = jax.random.key(options.seed)
+    if options.seeds == 1:
+        return Runs(start(key), jax.jit(advance))
+    keys = jax.vmap(jax.random.fold_in, (None, 0))(key, jnp.arange(options.seeds))
+    return Runs(jax.vmap(start)(keys), jax.jit(jax.vmap(advance, (0, None, None, None, None, None))))
+
+
+def _train(
+    options: TrainOptions,
+    preset: Preset,
+    problem: Problem,
+    runs: Runs,
+    state: ppo.TrainingState,
+    done: int,
+    checkpoints: ppo.Checkpoints,
+    log: TrainingLog | None,
+    folder: Path,
+) -> ppo.TrainingState:
+    """Train from `done` environment steps on to the end; the state then."""
+    batch = preset.ppo.environments * preset.ppo.rollout_steps
+    every = -(-preset.validate_every // CHUNK)
+    chunks = -(-preset.total_steps // (batch * CHUNK))
+    saved = done if done else None
+    with tqdm(
+        total=chunks * CHUNK * batch, initial=done, desc="training", unit=" steps", disable=log is None, mininterval=1.0
+    ) as bar:
+        for chunk in range(done // (batch * CHUNK), chunks):
+            validate = (chunk + 1) % every == 0 or chunk + 1 == chunks
+            start = time.perf_counter()
+            moved, metrics, scores = runs.advance(
+                state, preset.hyperparameters, problem.train, problem.validation, problem.counted, validate
+            )
+            metrics, scores = jax.device_get((metrics, scores))
+            seconds = time.perf_counter() - start
+            complaint = ppo.first_nonfinite(metrics)
+            if complaint is not None:
+                if saved != done:
+                    checkpoints.save(done, state)
+                raise UserError(
+                    f"{complaint}; the state before it is safe in {checkpoints.folder}, "
+                    "try a lower learning rate: --hyperparameters learning_rate=1e-4"
+                )
+            state, before, done = moved, done, (chunk + 1) * CHUNK * batch
+            if log is not None:
+                rate = options.seeds * CHUNK * batch / seconds
+                _write(log, options.seeds, before, batch, metrics, scores if validate else None, rate)
+                bar.update(done - before)
+                bar.set_postfix_str(_told(problem, scores) if validate else bar.postfix or "", refresh=False)
+            if validate:
+                if log is not None:
+                    log.flush()
+                    _keep_best(folder, problem, preset, state, options)
+                checkpoints.save(done, state)
+                saved = done
+    return state
+
+
+def _write(log: TrainingLog, seeds: int, step: int, batch: int, metrics: Any, scores: Any | None, rate: float) -> None:
+    """Add the lines of one chunk, which began at `step`, for all runs."""
+    for seed in range(seeds):
+        own = metrics if seeds == 1 else jax.tree.map(lambda leaf, seed=seed: leaf[seed], metrics)
+        for row in range(CHUNK):
+            values = {name: value[row] for name, value in own.items() if name not in ("rollout_steps",)}
+            log.write("update", step + (row + 1) * batch, seed, values | {"steps_per_second": round(rate, 1)})
+        if scores is not None:
+            found = scores if seeds == 1 else jax.tree.map(lambda leaf, seed=seed: leaf[seed], scores)
+            log.write("validation", step + CHUNK * batch, seed, found)
+
+
+def _told(problem: Problem, scores: Any) -> str:
+    return f"validation return {np.max(scores['return']):.0f} (default planner {problem.baseline['return']:.0f})"
+
+
+def _best(state: ppo.TrainingState) -> tuple[ppo.Policy, float, int]:
+    """The best policy of all runs, its score and the number of updates that it had."""
+    scores = np.atleast_1d(np.asarray(state.best_score))
+    place = int(np.argmax(scores))
+    if state.best_score.ndim == 0:
+        return state.best, float(scores[0]), int(state.best_update)
+    return jax.tree.map(lambda leaf: leaf[place], state.best), float(scores[place]), int(state.best_update[place])
+
+
+def _keep_best(folder: Path, problem: Problem, preset: Preset, state: ppo.TrainingState, options: TrainOptions) -> None:
+    """Write the best policy."""
+    policy, score, updates = _best(state)
+    steps = updates * preset.ppo.environments * preset.ppo.rollout_steps
+    command = " ".join(["python -m experiments.train", *sys.argv[1:]])
+    about = {
+        "validation_return": score,
+        "default_planner_return": problem.baseline["return"],
+        "steps": steps,
+        "preset": options.preset,
+        "sampling": preset.sampling,
+        "predictor": options.predictor,
+        "command": command,
+    }
+    ppo.save_policy(folder / "policy", jax.device_get(policy), describe(problem.environment.config) | about)
+
+
+def _finish(folder: Path, problem: Problem, preset: Preset, state: ppo.TrainingState) -> None:
+    """Draw the curve and print how the best policy compares."""
+    lines = read_metrics(folder)
+    draw_learning_curve(folder / "curve.png", lines)
+    _, score, updates = _best(state)
+    steps = updates * preset.ppo.environments * preset.ppo.rollout_steps
+    at_best = [one for one in lines if one["kind"] == "validation" and one["step"] == steps]
+    best = max(at_best, key=lambda line: line["return"], default=None)
+    print(f"{'validation':<28}{'default planner':>16}{'best policy':>14}")
+    for name, title, form in SHOWN:
+        mine = "-" if best is None else format(best[name], form)
+        print(f"  {title:<26}{format(problem.baseline[name], form):>16}{mine:>14}")
+    print(f"best after {steps:,} steps; written to {folder / 'policy'}, metrics.jsonl and curve.png")
+
+
+SHOWN = (
+    ("return", "mean return", ".1f"),
+    ("outcome/goal_reached_in_time", "goal in time", ".1%"),
+    ("outcome/collision_obstacle", "collision", ".1%"),
+    ("outcome/timeout", "time-out", ".1%"),
+    ("mean_ego_risk", "mean ego risk", ".2e"),
+    ("mean_third_party_risk", "mean third-party risk", ".2e"),
+)
+"""Rows of the table: name, title, format."""
+
+
+@contextmanager
+def _log(folder: Path, resumed_step: int | None, wanted: bool) -> Iterator[TrainingLog | None]:
+    if not wanted:
+        yield None
+        return
+    log = TrainingLog(folder, resumed_step)
+    try:
+        yield log
+    finally:
+        log.close()
+
+
+def _report_skipped(path: Path, reason: str) -> None:
+    print(f"train: {path}: {reason}; going on from the one before", file=sys.stderr)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command."""
+    run_command(TrainOptions, train, "experiments.train", arguments)
+
+
+if __name__ == "__main__":
+    main()

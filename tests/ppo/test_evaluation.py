@@ -1,0 +1,47 @@
+"""Episodes are driven to their first ends, each by itself."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from ppo_environments import SMALL, Drift
+
+import ppo
+
+
+def alone(policy, key, max_steps):
+    """One episode in a plain loop."""
+    act, advance = jax.jit(ppo.act), jax.jit(Drift().step)
+    reset_key, step_key = jax.random.split(key)
+    observation, state = Drift().reset(reset_key, None)
+    carry, total, ends = ppo.initial_carry(policy, (1,)), 0.0, 0.0
+    for step in range(max_steps):
+        carry, action = act(policy, carry, observation[None], jnp.asarray([step == 0]))
+        observation, state, reward, terminated, truncated, info = advance(
+            jax.random.fold_in(step_key, step), state, action[0], None
+        )
+        total, ends = total + float(reward), ends + float(info["metrics"]["ended"])
+        if terminated or truncated:
+            return total, step + 1, True, float(info["episode"]["terminated"]), ends
+    return total, max_steps, False, 0.0, ends
+
+
+def test_episodes_are_the_same_as_one_by_one(unbroken):
+    policy = ppo.current_policy(SMALL, unbroken[-1][0])
+    keys, nothing = jax.random.split(jax.random.key(3), 12), jnp.zeros((12, 0))
+    run = jax.jit(
+        lambda: ppo.evaluate(Drift(), partial(ppo.act, policy), nothing, keys, 5, ppo.initial_carry(policy, (12,)))
+    )
+    found = run()
+    expected = [alone(policy, key, 5) for key in keys]
+    returns, lengths, ended, terminated, ends = map(np.asarray, zip(*expected, strict=True))
+    assert 0 < ended.sum() < 12 and len(set(lengths)) > 2
+    np.testing.assert_allclose(found.returns, returns, atol=1e-5)
+    np.testing.assert_allclose(found.metrics["reward"], returns, atol=1e-5)
+    np.testing.assert_array_equal(found.lengths, lengths)
+    np.testing.assert_array_equal(found.ended, ended)
+    np.testing.assert_array_equal(found.metrics["ended"], ends)
+    np.testing.assert_array_equal(np.where(ended, found.episode["terminated"], 0.0), terminated)
