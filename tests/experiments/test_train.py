@@ -71,7 +71,7 @@ def test_metrics_tell_of_every_update_and_validation(trained):
 
 
 def test_tensorboard_reads_the_events(trained):
-    from tensorboardX.proto.event_pb2 import Event
+    from tensorboardX.proto.event_pb2 import Event  # pyright: ignore[reportAttributeAccessIssue]
 
     (file,) = (trained / "tensorboard").iterdir()
     data, found = file.read_bytes(), {}
