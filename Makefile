@@ -8,8 +8,11 @@ READY := .venv/ready
 .DELETE_ON_ERROR:
 
 demo: $(READY)
-	@$(BIN)/python -m experiments.evaluate --out runs/demo
-	@$(BIN)/python -m experiments.view --out runs/demo --format png
+	@$(BIN)/python -m experiments.train --preset quick --resume --out runs/demo/train
+	@$(BIN)/python -m experiments.evaluate --planner hybrid --policy runs/demo/train/policy \
+		--compare default shipped --out runs/demo
+	@$(BIN)/python -m experiments.view --planner hybrid --out runs/demo --format png
+	@echo "learning curve  runs/demo/train/curve.png"
 
 test: $(READY)
 	@$(BIN)/python -m pytest -n 2 --dist loadfile

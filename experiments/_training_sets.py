@@ -24,7 +24,7 @@ from scenarios.families import LARGEST_SEED
 
 VALIDATION = 0.15
 """Generated scenarios to validate on, relative to those to train on."""
-TOGETHER = 32
+TOGETHER = 16
 """Scenarios that the default planner drives at once."""
 RISKY = 1e-12
 """Mean risk, to the ego and others together, from which on a scenario that ended well counts as hard."""
@@ -55,6 +55,8 @@ class Driven(NamedTuple):
     steps: np.ndarray | Array
     episode: dict[str, np.ndarray] | dict[str, Array]
     """Summaries, see `DrivingEnvironment.step`."""
+    metrics: dict[str, np.ndarray] | dict[str, Array]
+    """Sums over the steps, likewise."""
 
     @property
     def hard(self) -> np.ndarray:
@@ -163,7 +165,7 @@ def _zero_driver(environment: DrivingEnvironment, max_steps: int) -> Callable[[E
     def run(params: EnvironmentParams) -> Driven:
         keys = jax.random.split(jax.random.key(0), jax.tree.leaves(params)[0].shape[0])
         found = ppo.evaluate(environment, act, params, keys, max_steps)
-        return Driven(found.returns, found.lengths, found.episode)
+        return Driven(found.returns, found.lengths, found.episode, found.metrics)
 
     return run
 

@@ -277,13 +277,14 @@ def _print_sets(sets: TrainingSets, hard: np.ndarray) -> None:
 
 
 def _scores(driven: Driven, counted: Array | None) -> tuple[Array, dict[str, Array]]:
-    """The mean return of episodes, and means of all that is told about them."""
+    """The mean return of episodes; means of it, of the sums of its terms, and of all that is told about episodes."""
 
     def mean(values: Any) -> Array:
         weights = jnp.ones(len(values)) if counted is None else counted
         return jnp.sum(jnp.asarray(values, jnp.float32) * weights) / jnp.sum(weights)
 
     told = {name: mean(value) for name, value in driven.episode.items()}
+    told |= {name: mean(value) for name, value in driven.metrics.items() if name.startswith("reward/")}
     return mean(driven.returns), {"return": mean(driven.returns), "length": mean(driven.steps)} | told
 
 
@@ -299,7 +300,7 @@ def _runs(options: TrainOptions, preset: Preset, problem: Problem, mesh: Mesh | 
         keys = jax.random.split(jax.random.key(0), episodes)
         carry = ppo.initial_carry(policy, (episodes,))
         found = ppo.evaluate(environment, act, params, keys, problem.max_steps, carry, mesh)
-        return _scores(Driven(found.returns, found.lengths, found.episode), counted)
+        return _scores(Driven(found.returns, found.lengths, found.episode, found.metrics), counted)
 
     def advance(state, hyperparameters, train, validation, counted, validate):
         return ppo.train_chunk(
