@@ -176,19 +176,7 @@ def test_another_run_is_not_overwritten(trained, capsys):
 
 
 def evaluated(folder: Path, *more: str) -> dict:
-    evaluate.main(
-        [
-            "--scenarios",
-            "builtin",
-            "--predictor",
-            "constant_velocity",
-            "--sampling",
-            "fast",
-            "--out",
-            str(folder),
-            *more,
-        ]
-    )
+    evaluate.main(["--scenarios", "builtin", "--out", str(folder), *more])
     return json.loads((folder / "results.json").read_text())
 
 
