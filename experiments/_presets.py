@@ -9,6 +9,9 @@ from jaxfrenet.config import Sampling
 from ppo import Hyperparameters, NetworkConfig, PPOConfig
 
 PresetName = Literal["paper", "cpu", "gpu", "quick"]
+FLOOR = 0.1
+"""Observations have scales of their own already. Fields that hardly vary in training, such as means over the bundle,
+shift with the number of trajectories and the family of scenarios; without a floor that would be blown up."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +33,12 @@ class Preset:
 PRESETS: dict[PresetName, Preset] = {
     "paper": Preset(
         ppo=PPOConfig(
-            environments=16, rollout_steps=147, epochs=5, minibatches=1, network=NetworkConfig(lstm_size=256)
+            environments=16,
+            rollout_steps=147,
+            epochs=5,
+            minibatches=1,
+            observation_floor=FLOOR,
+            network=NetworkConfig(lstm_size=256),
         ),
         hyperparameters=Hyperparameters(),
         total_steps=7_000_000,
@@ -39,7 +47,14 @@ PRESETS: dict[PresetName, Preset] = {
         validate_every=50,
     ),
     "cpu": Preset(
-        ppo=PPOConfig(environments=32, rollout_steps=74, epochs=5, minibatches=4, network=NetworkConfig(lstm_size=128)),
+        ppo=PPOConfig(
+            environments=32,
+            rollout_steps=74,
+            epochs=5,
+            minibatches=4,
+            observation_floor=FLOOR,
+            network=NetworkConfig(lstm_size=128),
+        ),
         hyperparameters=Hyperparameters(),
         total_steps=1_000_000,
         sampling="fast",
@@ -47,7 +62,14 @@ PRESETS: dict[PresetName, Preset] = {
         validate_every=50,
     ),
     "gpu": Preset(
-        ppo=PPOConfig(environments=2048, rollout_steps=74, epochs=5, minibatches=16, network=NetworkConfig()),
+        ppo=PPOConfig(
+            environments=2048,
+            rollout_steps=74,
+            epochs=5,
+            minibatches=16,
+            observation_floor=FLOOR,
+            network=NetworkConfig(),
+        ),
         hyperparameters=Hyperparameters(),
         total_steps=50_000_000,
         sampling="full",
@@ -55,7 +77,14 @@ PRESETS: dict[PresetName, Preset] = {
         validate_every=10,
     ),
     "quick": Preset(
-        ppo=PPOConfig(environments=16, rollout_steps=74, epochs=5, minibatches=4, network=NetworkConfig(lstm_size=64)),
+        ppo=PPOConfig(
+            environments=16,
+            rollout_steps=74,
+            epochs=5,
+            minibatches=4,
+            observation_floor=FLOOR,
+            network=NetworkConfig(lstm_size=64),
+        ),
         hyperparameters=Hyperparameters(),
         total_steps=100_000,
         sampling="fast",

@@ -58,6 +58,8 @@ class PPOConfig:
     """Divide rewards by the running standard deviation of the discounted return."""
     observation_clip: float = 10.0
     """Bound of normalised observations."""
+    observation_floor: float = 1e-4
+    """Standard deviations count as at least about this: what hardly varies in training is not blown up elsewhere."""
 
     def __post_init__(self) -> None:
         _check_counts(self, ("environments", "rollout_steps", "epochs", "minibatches"))
@@ -68,6 +70,8 @@ class PPOConfig:
             )
         if not self.observation_clip > 0.0:
             raise ValueError(f"PPOConfig.observation_clip {self.observation_clip}: give a positive number")
+        if not self.observation_floor > 0.0:
+            raise ValueError(f"PPOConfig.observation_floor {self.observation_floor}: give a positive number")
 
 
 @pytree_dataclass

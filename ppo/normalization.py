@@ -9,7 +9,7 @@ from jax import Array
 from ppo._pytree import pytree_dataclass
 
 VARIANCE_FLOOR = 1e-8
-"""Added to variances before dividing."""
+"""A variance of returns below this is none."""
 CONSTANT = 1e-6
 """Returns whose variance is below this share of their squared mean are taken for constant."""
 
@@ -49,9 +49,12 @@ def update_moments(moments: RunningMoments, values: Array) -> RunningMoments:
     )
 
 
-def normalize(moments: RunningMoments, values: Array, clip: float) -> Array:
-    """Shift and scale `[..., *shape]` values to mean 0 and variance 1, and bound them by ± `clip`."""
-    standard = (values - moments.mean) * jax.lax.rsqrt(moments.variance + VARIANCE_FLOOR)
+def normalize(moments: RunningMoments, values: Array, clip: float, floor: float) -> Array:
+    """Shift and scale `[..., *shape]` values to mean 0 and variance 1, and bound them by ± `clip`.
+
+    `floor`² is added to variances before dividing.
+    """
+    standard = (values - moments.mean) * jax.lax.rsqrt(moments.variance + floor**2)
     return jnp.clip(standard, -clip, clip)
 
 

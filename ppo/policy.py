@@ -47,13 +47,15 @@ class Policy:
     normalize_observations: bool = static_field()
     observation_clip: float = static_field()
     """Bound of normalised observations."""
+    observation_floor: float = static_field()
+    """Least standard deviation, as it were, that they are divided by."""
 
 
 def normalized(policy: Policy, observation: Array) -> Array:
     """What the networks see of `[..., observation_size]`."""
     if not policy.normalize_observations:
         return observation
-    return normalize(policy.moments, observation, policy.observation_clip)
+    return normalize(policy.moments, observation, policy.observation_clip, policy.observation_floor)
 
 
 def initial_carry(policy: Policy, batch_shape: tuple[int, ...]) -> Carry:
@@ -109,6 +111,7 @@ def save_policy(folder: Path | str, policy: Policy, description: dict[str, Any] 
         "network": asdict(policy.network),
         "normalize_observations": policy.normalize_observations,
         "observation_clip": policy.observation_clip,
+        "observation_floor": policy.observation_floor,
         "description": description or {},
     }
     temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
@@ -205,6 +208,7 @@ def _shape(content: dict[str, Any]) -> Policy:
             network=network,
             normalize_observations=bool(content["normalize_observations"]),
             observation_clip=float(content["observation_clip"]),
+            observation_floor=float(content["observation_floor"]),
         )
 
     return jax.eval_shape(make)

@@ -266,6 +266,7 @@ def _policy(config: PPOConfig, parameters: Parameters, moments: RunningMoments, 
         network=config.network,
         normalize_observations=config.normalize_observations,
         observation_clip=config.observation_clip,
+        observation_floor=config.observation_floor,
     )
 
 

@@ -24,6 +24,7 @@ from jaxfrenet.trajectories import generate
 
 FULL = jf.PlannerConfig()
 LOOPS = ["--generate", "1", "--generator-seed", "1", "--presets", "fast", "--loop-batch", "1", "--steps", "3"]
+LOOPS += ["--training", "quick"]
 PLANNER = ["--batch", "2", "1", "--trajectories", "40", "--obstacles", "5", "--layouts", "mixed"]
 GOLDEN_CASES = (
     "straight_v12",
@@ -71,6 +72,9 @@ def test_loop_rows(measured):
     assert episode["steps_per_second"] > 0 and episode["steps"] >= 2
     assert (environment["preset"], environment["batch"], environment["steps"]) == ("fast", 1, 3)
     assert environment["steps_per_second"] > 0 and environment["ended_episodes"] == 0
+    (training,) = results["training"]
+    assert (training["preset"], training["environments"] * training["rollout_steps"]) == ("quick", 1184)
+    assert training["hours_per_million_steps"] == pytest.approx(1e6 / 3600 / training["steps_per_second"], rel=1e-3)
     assert [(row["predictor"], row["what"], row["batch"]) for row in results["predictor"]] == [
         ("neural", "step", 1),
         ("neural", "table", 1),

@@ -232,3 +232,13 @@ def test_a_policy_that_sees_something_else_is_refused(trained, tmp_path, capsys)
     with pytest.raises(SystemExit):
         evaluate.main(["--planner", "hybrid", "--policy", str(tmp_path / "other"), "--out", str(tmp_path)])
     assert "element 3 of the policy's observations is temperature, here it is lateral_jerk" in capsys.readouterr().err
+
+
+def test_the_shipped_policy_drives(tmp_path, capsys):
+    results = evaluated(tmp_path, "--planner", "hybrid")
+    assert {episode["outcome"] for episode in results["episodes"]} <= {"goal_reached_in_time", "goal_reached_late"}
+    folder = Path(evaluate.__file__).parent / "policies" / "default"
+    assert sum(file.stat().st_size for file in folder.iterdir()) < 10e6
+    _, description = ppo.load_policy(folder)
+    assert description["command"].startswith("python -m experiments.train ")
+    assert {"policy.npz", "policy.json", "config.json", "curve.png"} <= {file.name for file in folder.iterdir()}

@@ -141,10 +141,13 @@ def test_moments_are_those_of_all_chunks_together():
     np.testing.assert_allclose(moments.mean, seen.mean(0), rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(moments.variance, seen.var(0), rtol=1e-3)
     assert float(moments.count) == len(seen)
-    standard = normalize(moments, jnp.asarray(seen, jnp.float32), 2.0)
+    standard = normalize(moments, jnp.asarray(seen, jnp.float32), 2.0, 1e-4)
     expected = np.clip((seen - seen.mean(0)) / seen.std(0), -2.0, 2.0)
     np.testing.assert_allclose(standard, expected, atol=2e-3)
     assert np.abs(expected).max() == 2.0
+    np.testing.assert_allclose(
+        normalize(moments, jnp.float32([100.5, 0.0, -2000.0]), 9.0, 0.1)[0], (100.5 - 100.0) / 0.1005, rtol=0.02
+    )
 
 
 def test_return_scale_is_that_of_a_loop():

@@ -120,6 +120,7 @@ def test_a_policy_of_another_layout_is_refused(folder, names, message):
         (lambda: ppo.PPOConfig(rollout_steps=0), "PPOConfig.rollout_steps 0: give a positive integer"),
         (lambda: ppo.PPOConfig(epochs=True), "PPOConfig.epochs True: give a positive integer"),
         (lambda: ppo.PPOConfig(observation_clip=0.0), "PPOConfig.observation_clip 0.0: give a positive number"),
+        (lambda: ppo.PPOConfig(observation_floor=0.0), "PPOConfig.observation_floor 0.0: give a positive number"),
         (lambda: ppo.NetworkConfig(lstm_size=0), "NetworkConfig.lstm_size 0: give a positive integer"),
         (lambda: ppo.NetworkConfig(head=(64, -1)), "NetworkConfig.head -1: give a positive integer"),
         (lambda: ppo.Hyperparameters(learning_rate=0.0), "Hyperparameters.learning_rate 0: give a positive number"),
