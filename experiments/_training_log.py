@@ -35,7 +35,7 @@ class TrainingLog:
         with written_whole(folder / METRICS) as file:
             file.write("".join(json.dumps(line) + "\n" for line in kept).encode())
         self._file = (folder / METRICS).open("a")
-        self._events = SummaryWriter(str(folder / "tensorboard"), purge_step=resumed_step)
+        self._events = SummaryWriter(str(folder / "tensorboard"), purge_step=resumed_step or 0)
 
     def write(self, kind: str, step: int, seed: int, values: Mapping[str, Any]) -> None:
         """Add a line.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -18,6 +19,8 @@ from scenarios.files import written_whole
 
 MINIMA = {"total_steps": 1, "validate_every": 1, "generate": 0, "seeds": 1, "devices": 1, "processes": 1}
 """Lowest values of options."""
+MACHINE = "resume", "out", "devices", "distributed", "coordinator", "processes", "process"
+"""Options that have nothing to do with what is learned."""
 
 
 @dataclass(frozen=True)
@@ -122,8 +125,7 @@ def named_numbers(flag: str, words: tuple[str, ...], known: Any) -> dict[str, fl
 
 def settle_config(folder: Path, options: TrainOptions, preset: Preset) -> None:
     """Write the options, or make sure that a run that is resumed had the same ones."""
-    free = "resume", "out", "total_steps", "devices", "distributed", "coordinator", "processes", "process"
-    plain = {name: value for name, value in asdict(options).items() if name not in free}
+    plain = {name: value for name, value in asdict(options).items() if name not in (*MACHINE, "total_steps")}
     document = {"options": json.loads(json.dumps(plain, default=str)), "preset": _preset_as_plain(preset)}
     file = folder / "config.json"
     if options.resume and file.is_file():
@@ -143,3 +145,15 @@ def _preset_as_plain(preset: Preset) -> dict[str, Any]:
         "hyperparameters": vars(preset.hyperparameters),
         **{name: getattr(preset, name) for name in ("total_steps", "sampling", "generate", "validate_every")},
     }
+
+
+def command_line(options: TrainOptions) -> str:
+    """The command that trains so, wherever it writes and on whatever devices."""
+    words: list[str] = []
+    for field in fields(TrainOptions):
+        value = getattr(options, field.name)
+        if field.name in MACHINE or value == field.default:
+            continue
+        words.append(f"--{field.name.replace('_', '-')}")
+        words += map(str, value) if isinstance(value, tuple) else [str(value)]
+    return f"python -m experiments.train {shlex.join(words)}".strip()

@@ -23,7 +23,7 @@ from experiments._planners import describe
 from experiments._presets import Preset
 from experiments._training_devices import shared_mesh, start_processes
 from experiments._training_log import TrainingLog, read_metrics
-from experiments._training_options import TrainOptions, named_numbers, settings, settle_config
+from experiments._training_options import TrainOptions, command_line, named_numbers, settings, settle_config
 from experiments._training_sets import (
     Driven,
     TrainingSets,
@@ -239,7 +239,6 @@ def _keep_best(folder: Path, problem: Problem, preset: Preset, state: ppo.Traini
     """Write the best policy."""
     policy, score, updates = _best(state)
     steps = updates * preset.ppo.environments * preset.ppo.rollout_steps
-    command = " ".join(["python -m experiments.train", *sys.argv[1:]])
     about = {
         "validation_return": score,
         "default_planner_return": problem.baseline["return"],
@@ -247,7 +246,7 @@ def _keep_best(folder: Path, problem: Problem, preset: Preset, state: ppo.Traini
         "preset": options.preset,
         "sampling": preset.sampling,
         "predictor": options.predictor,
-        "command": command,
+        "command": command_line(options),
     }
     ppo.save_policy(folder / "policy", jax.device_get(policy), describe(problem.environment.config) | about)
 

@@ -23,6 +23,8 @@ from jaxfrenet.environment import EnvironmentConfig, observation_fields
 
 SMALL = ["--preset", "quick", "--generate", "20", "--kinds", "tjunction:commonroad", "--validate-every", "5"]
 SMALL += ["--predictor", "constant_velocity", "--total-steps", "11840"]
+REORDERED = [*SMALL[:2], *SMALL[-2:], *SMALL[6:8], *SMALL[2:6], *SMALL[8:10]]
+"""The same in the order of the options."""
 STEPS_PER_UPDATE = 16 * 74
 
 
@@ -92,6 +94,7 @@ def test_best_policy_is_kept(trained):
     returns = {line["step"]: line["return"] for line in lines_in(trained) if line["kind"] == "validation"}
     assert description["validation_return"] == pytest.approx(max(returns.values()))
     assert returns[description["steps"]] == max(returns.values())
+    assert description["command"] == " ".join(["python -m experiments.train", *REORDERED])
 
 
 def run_in_background(folder: Path, *more: str) -> subprocess.Popen:
