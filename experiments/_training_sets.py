@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -146,7 +147,7 @@ def drive_default(
       description: what the progress bar says.
     """
     count = jax.tree.leaves(params)[0].shape[0]
-    run = jax.jit(_zero_driver(environment, max_steps))
+    run = _zero_driver(environment, max_steps)
     parts = []
     with tqdm(total=count, desc=description, unit=" scenarios", delay=5.0) as bar:
         for first in range(0, count, TOGETHER):
@@ -158,6 +159,7 @@ def drive_default(
     return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
 
 
+@cache
 def _zero_driver(environment: DrivingEnvironment, max_steps: int) -> Callable[[EnvironmentParams], Driven]:
     def act(carry: None, observation: Array, reset: Array) -> tuple[None, Array]:
         return None, jnp.zeros((observation.shape[0], environment.action_size))
@@ -167,7 +169,7 @@ def _zero_driver(environment: DrivingEnvironment, max_steps: int) -> Callable[[E
         found = ppo.evaluate(environment, act, params, keys, max_steps)
         return Driven(found.returns, found.lengths, found.episode, found.metrics)
 
-    return run
+    return jax.jit(run)
 
 
 def shares(hard: np.ndarray, groups: Sequence[int], hard_share: float) -> Array:

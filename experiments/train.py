@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -133,15 +134,32 @@ def _scores(driven: Driven, counted: Array | None) -> tuple[Array, dict[str, Arr
 def _runs(options: TrainOptions, preset: Preset, problem: Problem, mesh: Mesh | None) -> Runs:
     """The state before training and the program that goes on from it."""
     config, environment = preset.ppo, problem.environment
-    episodes = problem.counted.shape[0]
+    program = _program(config, environment, problem.max_steps, mesh, options.seeds > 1)
+
+    def start(key: Array) -> ppo.TrainingState:
+        return ppo.initial_state(config, environment, preset.hyperparameters, problem.train, key, mesh)
+
+    key = jax.random.key(options.seed)
+    if options.seeds == 1:
+        return Runs(start(key), program)
+    keys = jax.vmap(jax.random.fold_in, (None, 0))(key, jnp.arange(options.seeds))
+    return Runs(jax.vmap(start)(keys), program)
+
+
+@cache
+def _program(
+    config: ppo.PPOConfig, environment: DrivingEnvironment, max_steps: int, mesh: Mesh | None, several: bool
+) -> Callable[..., tuple[ppo.TrainingState, Any, Any]]:
+    """`Runs.advance`, for a state with a leading axis of runs if there are `several`."""
 
     def judge(policy: ppo.Policy, params: EnvironmentParams, counted: Array) -> tuple[Array, dict[str, Array]]:
         def act(carry: Any, observation: Array, reset: Array) -> tuple[Any, Array]:
             return ppo.act(policy, carry, observation, reset)
 
+        episodes = counted.shape[0]
         keys = jax.random.split(jax.random.key(0), episodes)
         carry = ppo.initial_carry(policy, (episodes,))
-        found = ppo.evaluate(environment, act, params, keys, problem.max_steps, carry, mesh)
+        found = ppo.evaluate(environment, act, params, keys, max_steps, carry, mesh)
         return _scores(Driven(found.returns, found.lengths, found.episode, found.metrics), counted)
 
     def advance(state, hyperparameters, train, validation, counted, validate):
@@ -150,14 +168,7 @@ def _runs(options: TrainOptions, preset: Preset, problem: Problem, mesh: Mesh | 
             lambda policy: judge(policy, validation, counted), mesh,
         )  # fmt: skip
 
-    def start(key: Array) -> ppo.TrainingState:
-        return ppo.initial_state(config, environment, preset.hyperparameters, problem.train, key, mesh)
-
-    key = jax.random.key(options.seed)
-    if options.seeds == 1:
-        return Runs(start(key), jax.jit(advance))
-    keys = jax.vmap(jax.random.fold_in, (None, 0))(key, jnp.arange(options.seeds))
-    return Runs(jax.vmap(start)(keys), jax.jit(jax.vmap(advance, (0, None, None, None, None, None))))
+    return jax.jit(jax.vmap(advance, (0, None, None, None, None, None)) if several else advance)
 
 
 def _train(

@@ -27,7 +27,7 @@ def complaint(main, arguments, capsys) -> str:
         (["--weights", "prediction=1", "prediction=2"], "twice"),
         (["--curvature-rate-limit", "-1"], "-1"),
         (["--curvature-rate-limit", "nan"], "nan"),
-        (["--planner", "hybrid"], "hybrid"),
+        (["--planner", "best"], "best"),
         (["--predictor", "crystal_ball"], "crystal_ball"),
         (["--no-such-option"], "--no-such-option"),
         (["--batch", "0"], "--batch"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import sys
 from functools import partial
@@ -13,11 +14,13 @@ import numpy as np
 import pytest
 
 import jaxfrenet as jf
+import ppo
 from experiments import _measuring, benchmark
 from experiments._benchmark_plot import draw_benchmark
 from experiments._measuring import Budget, DoesNotFit, compile_ahead, measure, work_of
 from experiments._planner_timing import Case, arms, nearest_level, star
 from experiments._planning_cases import nearness, planning_batch
+from experiments._presets import PRESETS
 from experiments._reference import ReferenceCase, ReferencePlanner, Traffic, reference_case
 from jaxfrenet.sampling import sample_end_states
 from jaxfrenet.trajectories import generate
@@ -25,6 +28,7 @@ from jaxfrenet.trajectories import generate
 FULL = jf.PlannerConfig()
 LOOPS = ["--generate", "1", "--generator-seed", "1", "--presets", "fast", "--loop-batch", "1", "--steps", "3"]
 LOOPS += ["--training", "quick"]
+SMALL_LEARNER = ppo.PPOConfig(environments=1, rollout_steps=6, epochs=1, minibatches=1, network=ppo.NetworkConfig(8))
 PLANNER = ["--batch", "2", "1", "--trajectories", "40", "--obstacles", "5", "--layouts", "mixed"]
 GOLDEN_CASES = (
     "straight_v12",
@@ -45,7 +49,9 @@ def results_in(folder: Path) -> dict:
 def measured(tmp_path_factory) -> Path:
     """Results of all parts, with as little work as possible."""
     out = tmp_path_factory.mktemp("benchmark")
-    benchmark.main([*PLANNER, *LOOPS, "--repeats", "2", "--out", str(out)])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(PRESETS, "quick", dataclasses.replace(PRESETS["quick"], ppo=SMALL_LEARNER))
+        benchmark.main([*PLANNER, *LOOPS, "--repeats", "2", "--out", str(out)])
     return out
 
 
@@ -73,7 +79,7 @@ def test_loop_rows(measured):
     assert (environment["preset"], environment["batch"], environment["steps"]) == ("fast", 1, 3)
     assert environment["steps_per_second"] > 0 and environment["ended_episodes"] == 0
     (training,) = results["training"]
-    assert (training["preset"], training["environments"] * training["rollout_steps"]) == ("quick", 1184)
+    assert (training["preset"], training["environments"] * training["rollout_steps"]) == ("quick", 6)
     assert training["hours_per_million_steps"] == pytest.approx(1e6 / 3600 / training["steps_per_second"], rel=1e-3)
     assert [(row["predictor"], row["what"], row["batch"]) for row in results["predictor"]] == [
         ("neural", "step", 1),

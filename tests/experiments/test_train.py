@@ -5,11 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import signal
 import struct
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import jax
@@ -19,6 +15,7 @@ import pytest
 import ppo
 from experiments import evaluate, train
 from experiments._planners import describe
+from experiments._training_log import TrainingLog
 from jaxfrenet.environment import EnvironmentConfig, observation_fields
 
 SMALL = ["--preset", "quick", "--generate", "20", "--kinds", "tjunction:commonroad", "--validate-every", "5"]
@@ -97,24 +94,21 @@ def test_best_policy_is_kept(trained):
     assert description["command"] == " ".join(["python -m experiments.train", *REORDERED])
 
 
-def run_in_background(folder: Path, *more: str) -> subprocess.Popen:
-    command = [sys.executable, "-m", "experiments.train", *SMALL, "--out", str(folder), *more]
-    root = Path(__file__).parents[2]
-    cache = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
-    environment = os.environ | {"PYTHONPATH": str(root), "JAX_COMPILATION_CACHE_DIR": str(cache)}
-    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+def test_an_interrupted_run_goes_on_as_if_nothing_had_happened(trained, tmp_path, monkeypatch):
+    write = TrainingLog.write
 
+    def fail(self, kind: str, step: int, *rest) -> None:
+        if step > 5920 + 2 * STEPS_PER_UPDATE:
+            self._file.write('{"kind": "upd')
+            self.flush()
+            raise KeyboardInterrupt
+        write(self, kind, step, *rest)
 
-def test_a_killed_run_goes_on_as_if_nothing_had_happened(trained, tmp_path):
-    run = run_in_background(tmp_path)
-    started = time.monotonic()
-    while not ppo.Checkpoints(tmp_path / "checkpoints").steps():
-        assert run.poll() is None and time.monotonic() - started < 200
-        time.sleep(0.05)
-    time.sleep(0.5)
-    run.send_signal(signal.SIGKILL)
-    run.communicate()
-    assert len(lines_in(tmp_path)) < len(lines_in(trained))
+    with monkeypatch.context() as patch, pytest.raises(SystemExit) as stop:
+        patch.setattr(TrainingLog, "write", fail)
+        train.main([*SMALL, "--out", str(tmp_path)])
+    assert stop.value.code == 130
+    assert ppo.Checkpoints(tmp_path / "checkpoints").steps() == [5920]
     train.main([*SMALL, "--out", str(tmp_path), "--resume"])
     assert lines_in(tmp_path) == lines_in(trained)
     mine, theirs = last_state(tmp_path), last_state(trained)
