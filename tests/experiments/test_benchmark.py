@@ -27,7 +27,6 @@ from jaxfrenet.trajectories import generate
 
 FULL = jf.PlannerConfig()
 LOOPS = ["--generate", "1", "--generator-seed", "1", "--presets", "fast", "--loop-batch", "1", "--steps", "3"]
-LOOPS += ["--training", "quick"]
 SMALL_LEARNER = ppo.PPOConfig(environments=1, rollout_steps=6, epochs=1, minibatches=1, network=ppo.NetworkConfig(8))
 PLANNER = ["--batch", "2", "1", "--trajectories", "40", "--obstacles", "5", "--layouts", "mixed"]
 GOLDEN_CASES = (
@@ -47,11 +46,10 @@ def results_in(folder: Path) -> dict:
 
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory) -> Path:
-    """Results of all parts, with as little work as possible."""
+    """Results of all parts but training, with as little work as possible."""
     out = tmp_path_factory.mktemp("benchmark")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(PRESETS, "quick", dataclasses.replace(PRESETS["quick"], ppo=SMALL_LEARNER))
-        benchmark.main([*PLANNER, *LOOPS, "--repeats", "2", "--out", str(out)])
+    parts = ["--parts", "planner", "episode", "environment", "predictor"]
+    benchmark.main([*parts, *PLANNER, *LOOPS, "--repeats", "2", "--out", str(out)])
     return out
 
 
@@ -78,9 +76,6 @@ def test_loop_rows(measured):
     assert episode["steps_per_second"] > 0 and episode["steps"] >= 2
     assert (environment["preset"], environment["batch"], environment["steps"]) == ("fast", 1, 3)
     assert environment["steps_per_second"] > 0 and environment["ended_episodes"] == 0
-    (training,) = results["training"]
-    assert (training["preset"], training["environments"] * training["rollout_steps"]) == ("quick", 6)
-    assert training["hours_per_million_steps"] == pytest.approx(1e6 / 3600 / training["steps_per_second"], rel=1e-3)
     assert [(row["predictor"], row["what"], row["batch"]) for row in results["predictor"]] == [
         ("neural", "step", 1),
         ("neural", "table", 1),
@@ -88,6 +83,16 @@ def test_loop_rows(measured):
         ("ground_truth", "step", 1),
     ]
     assert all(row["ms_per_scenario"] > 0 for row in results["predictor"])
+
+
+def test_training_row(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(PRESETS, "quick", dataclasses.replace(PRESETS["quick"], ppo=SMALL_LEARNER))
+    options = ["--parts", "training", "--training", "quick", *LOOPS, "--repeats", "2", "--out", str(tmp_path)]
+    benchmark.main(options)
+    (training,) = results_in(tmp_path)["training"]
+    assert (training["preset"], training["environments"] * training["rollout_steps"]) == ("quick", 6)
+    assert training["hours_per_million_steps"] == pytest.approx(1e6 / 3600 / training["steps_per_second"], rel=1e-3)
+    assert "h/1M steps" in capsys.readouterr().out
 
 
 def test_machine_and_picture(measured):
