@@ -59,6 +59,11 @@ class Driven(NamedTuple):
     metrics: dict[str, np.ndarray] | dict[str, Array]
     """Sums over the steps, likewise."""
 
+    @classmethod
+    def of(cls, found: ppo.Evaluation) -> Driven:
+        """What an evaluation tells."""
+        return cls(found.returns, found.lengths, found.episode, found.metrics)
+
     @property
     def hard(self) -> np.ndarray:
         """Which ended badly, or were risky."""
@@ -167,7 +172,7 @@ def _zero_driver(environment: DrivingEnvironment, max_steps: int) -> Callable[[E
     def run(params: EnvironmentParams) -> Driven:
         keys = jax.random.split(jax.random.key(0), jax.tree.leaves(params)[0].shape[0])
         found = ppo.evaluate(environment, act, params, keys, max_steps)
-        return Driven(found.returns, found.lengths, found.episode, found.metrics)
+        return Driven.of(found)
 
     return jax.jit(run)
 

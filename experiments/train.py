@@ -160,7 +160,7 @@ def _program(
         keys = jax.random.split(jax.random.key(0), episodes)
         carry = ppo.initial_carry(policy, (episodes,))
         found = ppo.evaluate(environment, act, params, keys, max_steps, carry, mesh)
-        return _scores(Driven(found.returns, found.lengths, found.episode, found.metrics), counted)
+        return _scores(Driven.of(found), counted)
 
     def advance(state, hyperparameters, train, validation, counted, validate):
         return ppo.train_chunk(
@@ -226,7 +226,7 @@ def _write(log: TrainingLog, seeds: int, step: int, batch: int, metrics: Any, sc
     for seed in range(seeds):
         own = metrics if seeds == 1 else jax.tree.map(lambda leaf, seed=seed: leaf[seed], metrics)
         for row in range(CHUNK):
-            values = {name: value[row] for name, value in own.items() if name not in ("rollout_steps",)}
+            values = {name: value[row] for name, value in own.items() if name != "rollout_steps"}
             log.write("update", step + (row + 1) * batch, seed, values | {"steps_per_second": round(rate, 1)})
         if scores is not None:
             found = scores if seeds == 1 else jax.tree.map(lambda leaf, seed=seed: leaf[seed], scores)
@@ -237,19 +237,18 @@ def _told(problem: Problem, scores: Any) -> str:
     return f"validation return {np.max(scores['return']):.0f} (default planner {problem.baseline['return']:.0f})"
 
 
-def _best(state: ppo.TrainingState) -> tuple[ppo.Policy, float, int]:
-    """The best policy of all runs, its score and the number of updates that it had."""
-    scores = np.atleast_1d(np.asarray(state.best_score))
+def _best(preset: Preset, state: ppo.TrainingState) -> tuple[ppo.Policy, float, int]:
+    """The best policy of all runs, its score and the environment steps that it had."""
+    batch = preset.ppo.environments * preset.ppo.rollout_steps
+    scores, updates = (np.atleast_1d(np.asarray(leaf)) for leaf in (state.best_score, state.best_update))
     place = int(np.argmax(scores))
-    if state.best_score.ndim == 0:
-        return state.best, float(scores[0]), int(state.best_update)
-    return jax.tree.map(lambda leaf: leaf[place], state.best), float(scores[place]), int(state.best_update[place])
+    one = state.best if state.best_score.ndim == 0 else jax.tree.map(lambda leaf: leaf[place], state.best)
+    return one, float(scores[place]), batch * int(updates[place])
 
 
 def _keep_best(folder: Path, problem: Problem, preset: Preset, state: ppo.TrainingState, options: TrainOptions) -> None:
     """Write the best policy."""
-    policy, score, updates = _best(state)
-    steps = updates * preset.ppo.environments * preset.ppo.rollout_steps
+    policy, score, steps = _best(preset, state)
     about = {
         "validation_return": score,
         "default_planner_return": problem.baseline["return"],
@@ -266,8 +265,7 @@ def _finish(folder: Path, problem: Problem, preset: Preset, state: ppo.TrainingS
     """Draw the curve and print how the best policy compares."""
     lines = read_metrics(folder)
     draw_learning_curve(folder / "curve.png", lines)
-    _, score, updates = _best(state)
-    steps = updates * preset.ppo.environments * preset.ppo.rollout_steps
+    steps = _best(preset, state)[2]
     at_best = [one for one in lines if one["kind"] == "validation" and one["step"] == steps]
     best = max(at_best, key=lambda line: line["return"], default=None)
     print(f"{'validation':<28}{'default planner':>16}{'best policy':>14}")

@@ -203,8 +203,11 @@ def test_an_idle_policy_is_the_default_planner(idle_policy, tmp_path, capsys):
 
 
 def test_a_trained_policy_changes_the_weights(trained, tmp_path):
-    results = evaluated(tmp_path, "--planner", "hybrid", "--policy", str(trained / "policy"))
+    results = evaluated(tmp_path, "--planner", "hybrid", "--policy", str(trained / "policy"), "--compare")
     assert results["config"]["weights"] is None and results["summary"]["scenarios"] == len(results["episodes"])
+    default = json.loads((tmp_path / "default" / "results.json").read_text())
+    for mine, theirs in zip(results["episodes"], default["episodes"], strict=True):
+        assert mine["mean_cost"] != pytest.approx(theirs["mean_cost"], rel=1e-4)
 
 
 @pytest.mark.parametrize(
