@@ -64,11 +64,17 @@ class BatchDriver:
     """Time [s] that compiling, or reading what an earlier run compiled, took so far."""
     _programs: dict[tuple, Callable[..., jf.Episode]] = field(default_factory=dict)
 
-    def drive(self, batch: Batch) -> dict[int, jf.Episode]:
-        """Drive a batch to its end; the episodes, as NumPy arrays, by the scenarios' indices."""
+    def drive(self, batch: Batch, parameters: Any = None) -> dict[int, jf.Episode]:
+        """Drive a batch to its end; the episodes, as NumPy arrays, by the scenarios' indices.
+
+        Args:
+          batch: of scenarios.
+          parameters: in place of the planner's own.
+        """
         program = self._program(batch)
         start = time.perf_counter()
-        episodes = jax.device_get(program(self.planner.parameters, batch.scenario))
+        parameters = self.planner.parameters if parameters is None else parameters
+        episodes = jax.device_get(program(parameters, batch.scenario))
         self.seconds += time.perf_counter() - start
         rows = [jax.tree.map(lambda leaf, row=row: leaf[row], episodes) for row in range(len(batch.indices))]
         return dict(zip(batch.indices, rows, strict=True))

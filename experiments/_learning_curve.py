@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,11 +23,16 @@ PANELS = (
 """Quantity, title, whether its axis is logarithmic."""
 
 
-def draw_learning_curve(path: Path, lines: Sequence[dict[str, Any]]) -> None:
-    """Draw validations over environment steps: the mean of all runs, a band from the lowest to the highest of them.
+def draw_learning_curve(path: Path, lines: Sequence[Mapping[str, Any]]) -> None:
+    """Write `learning_curve` as a PNG file."""
+    with written_whole(path) as file:
+        learning_curve(lines).savefig(file, format="png")
+
+
+def learning_curve(lines: Sequence[Mapping[str, Any]]) -> Figure:
+    """Validations over environment steps: the mean of all runs, a band from the lowest to the highest of them.
 
     Args:
-      path: of the picture.
       lines: of the run's `metrics.jsonl`.
     """
     matplotlib.rcParams.update({"font.size": 9})
@@ -43,11 +48,10 @@ def draw_learning_curve(path: Path, lines: Sequence[dict[str, Any]]) -> None:
             axes.set_yscale("log")
         axes.spines[["top", "right"]].set_visible(False)
     figure.axes[0].legend(frameon=False)
-    with written_whole(path) as file:
-        figure.savefig(file, format="png")
+    return figure
 
 
-def _panel(axes: Axes, name: str, found: Sequence[dict[str, Any]], baseline: dict[str, Any] | None) -> None:
+def _panel(axes: Axes, name: str, found: Sequence[Mapping[str, Any]], baseline: Mapping[str, Any] | None) -> None:
     steps = sorted({line["step"] for line in found})
     if steps:
         values = [[line[name] for line in found if line["step"] == step and line[name] is not None] for step in steps]

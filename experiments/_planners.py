@@ -49,6 +49,11 @@ class Planner(Protocol):
         """A pytree of numbers that driving depends on."""
         ...
 
+    @property
+    def terms(self) -> tuple[str, ...]:
+        """The cost terms that rank trajectories, in the order of the reports."""
+        ...
+
     def roll_out(self, parameters: Any, scenario: jf.Scenario, max_steps: int) -> jf.Episode:
         """Drive one scenario to its end."""
         ...
@@ -68,6 +73,11 @@ class DefaultPlanner:
 
     config: jf.PlannerConfig
     parameters: jf.CostWeights
+
+    @property
+    def terms(self) -> tuple[str, ...]:
+        """Those with a weight."""
+        return self.parameters.names()
 
     def roll_out(self, parameters: jf.CostWeights, scenario: jf.Scenario, max_steps: int) -> jf.Episode:
         """Drive one scenario to its end."""
@@ -103,6 +113,12 @@ class HybridPlanner:
     def config(self) -> jf.PlannerConfig:
         """Settings of the planning cycles."""
         return self.environment.planner
+
+    @property
+    def terms(self) -> tuple[str, ...]:
+        """Those whose weights are adjusted."""
+        adjusted = {one.term for one in self.environment.adjustments}
+        return tuple(term for term in jf.COST_TERMS if term in adjusted)
 
     def roll_out(self, parameters: ppo.Policy, scenario: jf.Scenario, max_steps: int) -> jf.Episode:
         """Drive one scenario to its end."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shlex
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -14,7 +13,7 @@ import tyro
 import ppo
 from experiments._presets import PRESETS, Preset, PresetName
 from jaxfrenet.config import Sampling
-from scenarios.command_line import UserError
+from scenarios.command_line import UserError, spelled
 from scenarios.files import written_whole
 
 MINIMA = {"total_steps": 1, "validate_every": 1, "generate": 0, "seeds": 1, "devices": 1, "processes": 1}
@@ -149,11 +148,4 @@ def _preset_as_plain(preset: Preset) -> dict[str, Any]:
 
 def command_line(options: TrainOptions) -> str:
     """The command that trains so, wherever it writes and on whatever devices."""
-    words: list[str] = []
-    for field in fields(TrainOptions):
-        value = getattr(options, field.name)
-        if field.name in MACHINE or value == field.default:
-            continue
-        words.append(f"--{field.name.replace('_', '-')}")
-        words += map(str, value) if isinstance(value, tuple) else [str(value)]
-    return f"python -m experiments.train {shlex.join(words)}".strip()
+    return spelled(options, "experiments.train", MACHINE)

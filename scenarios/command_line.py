@@ -5,9 +5,11 @@ from __future__ import annotations
 import contextlib
 import io
 import os
+import shlex
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
@@ -112,3 +114,24 @@ def print_table(rows: Sequence[tuple[str, Any]], title: str) -> None:
     print(title)
     for name, value in rows:
         print(f"  {name:<{width}}  {value:>10}")
+
+
+def spelled(options: Any, module: str, without: Collection[str] = ()) -> str:
+    """The command that has these options, without those that have their default values.
+
+    Args:
+      options: a dataclass.
+      module: the command's module.
+      without: fields that are left out.
+    """
+    words: list[str] = []
+    for field in fields(options):
+        value = getattr(options, field.name)
+        if field.name in without or value == field.default:
+            continue
+        flag = field.name.replace("_", "-")
+        if isinstance(value, bool):
+            words.append(f"--{flag}" if value else f"--no-{flag}")
+        else:
+            words += [f"--{flag}", *(map(str, value) if isinstance(value, tuple) else [str(value)])]
+    return f"python -m {module} {shlex.join(words)}".strip()
