@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -77,10 +78,12 @@ def _interval(statistic: Any, *samples: np.ndarray) -> list[float] | None:
     if len(samples[0]) < 2:
         return None
     random = np.random.default_rng(0)
-    found = stats.bootstrap(
-        samples, statistic, paired=True, vectorized=True, n_resamples=RESAMPLES, batch=100, method="percentile",
-        confidence_level=CONFIDENCE, rng=random,
-    ).confidence_interval  # fmt: skip
+    with warnings.catch_warnings():  # of samples that are all alike; their interval is left out below
+        warnings.simplefilter("ignore", stats.DegenerateDataWarning)
+        found = stats.bootstrap(
+            samples, statistic, paired=True, vectorized=True, n_resamples=RESAMPLES, batch=100, method="percentile",
+            confidence_level=CONFIDENCE, rng=random,
+        ).confidence_interval  # fmt: skip
     return [_number(found.low), _number(found.high)] if np.isfinite(found.low) else None  # pyright: ignore[reportReturnType]
 
 
