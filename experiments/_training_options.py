@@ -53,6 +53,9 @@ class TrainOptions:
     """How many trajectories a planning cycle samples, if not as the preset has it: `fast`, `full` or `dense`."""
     rewards: tuple[str, ...] = ()
     """Factors of the reward as NAME=VALUE, in place of the published ones; a wrong name lists all."""
+    relative: bool = True
+    """Reward what is gained over the default planner in the same scenario: the same optimum, learned with less noise.
+    Validation tells plain returns."""
     hyperparameters: tuple[str, ...] = ()
     """PPO's hyperparameters as NAME=VALUE, in place of the preset's; a wrong name lists all."""
     seeds: int = 1

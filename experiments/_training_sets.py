@@ -17,7 +17,7 @@ import ppo
 import scenarios
 from experiments._sources import load_files, named_draws
 from jaxfrenet._typing import Array
-from jaxfrenet.environment import DrivingEnvironment, EnvironmentParams, RewardFactors, make_params
+from jaxfrenet.environment import Baseline, DrivingEnvironment, EnvironmentParams, RewardFactors, make_params
 from scenarios import Dataset
 from scenarios.batching import rounded_up
 from scenarios.command_line import UserError
@@ -58,11 +58,13 @@ class Driven(NamedTuple):
     """Summaries, see `DrivingEnvironment.step`."""
     metrics: dict[str, np.ndarray] | dict[str, Array]
     """Sums over the steps, likewise."""
+    rewards: np.ndarray | Array
+    """`[episodes, steps]`, if they were recorded."""
 
     @classmethod
     def of(cls, found: ppo.Evaluation) -> Driven:
         """What an evaluation tells."""
-        return cls(found.returns, found.lengths, found.episode, found.metrics)
+        return cls(found.returns, found.lengths, found.episode, found.metrics, found.rewards)
 
     @property
     def hard(self) -> np.ndarray:
@@ -143,7 +145,7 @@ def one_each(params: EnvironmentParams) -> EnvironmentParams:
 def drive_default(
     environment: DrivingEnvironment, params: EnvironmentParams, max_steps: int, description: str
 ) -> Driven:
-    """Drive every scenario with the zero action: what learning has to beat.
+    """Drive every scenario with the zero action, and record every reward: what learning has to beat.
 
     Args:
       environment: says how it is driven.
@@ -171,10 +173,23 @@ def _zero_driver(environment: DrivingEnvironment, max_steps: int) -> Callable[[E
 
     def run(params: EnvironmentParams) -> Driven:
         keys = jax.random.split(jax.random.key(0), jax.tree.leaves(params)[0].shape[0])
-        found = ppo.evaluate(environment, act, params, keys, max_steps)
+        found = ppo.evaluate(environment, act, params, keys, max_steps, record=max_steps)
         return Driven.of(found)
 
     return jax.jit(run)
+
+
+def baseline_of(rewards: np.ndarray, discount: float) -> Baseline:
+    """What the default planner gets from each step on.
+
+    Args:
+      rewards: `[scenarios, steps]`, its rewards.
+      discount: γ.
+    """
+    to_go = np.zeros((rewards.shape[0], rewards.shape[1] + 1))
+    for step in reversed(range(rewards.shape[1])):
+        to_go[:, step] = rewards[:, step] + discount * to_go[:, step + 1]
+    return Baseline(jnp.asarray(to_go, jnp.float32), jnp.float32(discount))
 
 
 def shares(hard: np.ndarray, groups: Sequence[int], hard_share: float) -> Array:

@@ -28,6 +28,7 @@ from experiments._training_options import TrainOptions, command_line, named_numb
 from experiments._training_sets import (
     Driven,
     TrainingSets,
+    baseline_of,
     drive_default,
     environment_params,
     one_each,
@@ -96,10 +97,13 @@ def _problem(options: TrainOptions, preset: Preset, rewards: RewardFactors, mesh
     sets = training_sets(options.scenarios, options.validation, options.kinds, preset.generate, options.generator_seed)
     max_steps = sets.max_steps()
     train, validation = environment_params(environment, sets, rewards)
-    hard = drive_default(environment, one_each(train), max_steps, "default planner: training set").hard
-    train = replace(train, chances=jnp.cumsum(shares(hard, sets.groups, options.hard_share)))
+    driven = drive_default(environment, one_each(train), max_steps, "default planner: training set")
+    train = replace(train, chances=jnp.cumsum(shares(driven.hard, sets.groups, options.hard_share)))
+    if options.relative:
+        discount = float(preset.hyperparameters.discount)
+        train = replace(train, baseline=baseline_of(np.asarray(driven.rewards), discount))
     baseline = _scores(drive_default(environment, validation, max_steps, "default planner: validation set"), None)[1]
-    _print_sets(sets, hard)
+    _print_sets(sets, driven.hard)
     counted = jnp.ones(len(sets.validation))
     if mesh is not None:
         missing = -len(sets.validation) % mesh.size

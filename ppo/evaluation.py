@@ -30,6 +30,8 @@ class Evaluation(NamedTuple):
     """Sums of `info["metrics"]` over the steps."""
     episode: dict[str, Array]
     """`info["episode"]` of the last step."""
+    rewards: Array
+    """`[episodes, recorded]`, of the first steps, as many as were to be recorded; 0 after an episode's end."""
 
 
 class _Running(NamedTuple):
@@ -51,6 +53,7 @@ def evaluate(
     max_steps: int,
     carry: Any = None,
     mesh: Mesh | None = None,
+    record: int = 0,
 ) -> Evaluation:
     """Drive one episode for each leading element of `params` and `keys`, to its end.
 
@@ -62,6 +65,7 @@ def evaluate(
       max_steps: traced or not; episodes that run longer are left there.
       carry: what `act` remembers before the first step, for example `ppo.initial_carry(policy, (episodes,))`.
       mesh: devices that share the episodes.
+      record: static; of how many steps the rewards are to be recorded.
 
     Returns:
       How the episodes went.
@@ -81,6 +85,7 @@ def evaluate(
         ended=jnp.zeros(episodes, bool),
         metrics={name: zeros for name in info["metrics"]},
         episode={name: zeros for name in info["episode"]},
+        rewards=jnp.zeros((episodes, record)),
     )
 
     def goes_on(running: _Running) -> Array:
@@ -93,14 +98,14 @@ def evaluate(
         observation, state, reward, terminated, truncated, info = step_environment(
             keys, running.environment, action, params
         )
-        found = _taken_in(running.found, reward, terminated | truncated, info)
+        found = _taken_in(running.found, running.step, reward, terminated | truncated, info)
         return _Running(carry, observation, state, running.keys, running.step + 1, found)
 
     start = _Running(carry, observation, state, step_keys, jnp.int32(0), nothing)
     return jax.lax.while_loop(goes_on, drive, start).found
 
 
-def _taken_in(found: Evaluation, reward: Array, ended: Array, info: dict[str, Any]) -> Evaluation:
+def _taken_in(found: Evaluation, step: Array, reward: Array, ended: Array, info: dict[str, Any]) -> Evaluation:
     """Add a step of those episodes that were still running; the others have begun anew and do not count."""
     active = ~found.ended
 
@@ -116,4 +121,5 @@ def _taken_in(found: Evaluation, reward: Array, ended: Array, info: dict[str, An
         ended=found.ended | ended,
         metrics={name: added(found.metrics[name], value) for name, value in info["metrics"].items()},
         episode={name: latest(found.episode[name], value) for name, value in info["episode"].items()},
+        rewards=found.rewards.at[:, step].set(jnp.where(active, reward, 0.0), mode="drop"),
     )

@@ -8,7 +8,7 @@ observation, state, reward, terminated, truncated, info = environment.step(key, 
 
 from jaxfrenet.environment.action import PAPER_ADJUSTMENTS, Adjustment
 from jaxfrenet.environment.config import EnvironmentConfig
-from jaxfrenet.environment.driving import DrivingEnvironment, EnvironmentParams, EnvironmentState, make_params
+from jaxfrenet.environment.driving import Baseline, DrivingEnvironment, EnvironmentParams, EnvironmentState, make_params
 from jaxfrenet.environment.dynamics import Situation, begin, proceed, roll_out_policy
 from jaxfrenet.environment.observation import Field, observation_fields
 from jaxfrenet.environment.reward import REWARD_TERMS, RewardFactors
@@ -17,6 +17,7 @@ __all__ = [
     "PAPER_ADJUSTMENTS",
     "REWARD_TERMS",
     "Adjustment",
+    "Baseline",
     "DrivingEnvironment",
     "EnvironmentConfig",
     "EnvironmentParams",

@@ -28,6 +28,27 @@ OUTCOMES = tuple(outcome for outcome in Outcome if outcome is not Outcome.RUNNIN
 
 
 @pytree_dataclass
+class Baseline:
+    """What the default planner gets in each scenario. Rewards relative to it have the same optimum, and less noise.
+
+    They are r + γ Φ(s') - Φ(s), with Φ what the default planner gets from that step on in the same scenario and 0 after
+    an episode's end (Ng, Harada and Russell, "Policy invariance under reward transformations", ICML 1999): the zero
+    action is rewarded with nothing at all.
+    """
+
+    to_go: Float[Array, "scenarios steps"]
+    """`[scenarios, steps + 1]`, discounted rewards from each step on."""
+    discount: Array | float
+    """γ."""
+
+    def term(self, scenario: Int[Array, ""], step: Int[Array, ""], terminated: Bool[Array, ""]) -> Float[Array, ""]:
+        """γ Φ(s') - Φ(s) for one step in a scenario, after which the episode ends or goes on."""
+        to_go = self.to_go[scenario]
+        now, later = (to_go[jnp.minimum(at, to_go.shape[0] - 1)] for at in (step, step + 1))
+        return self.discount * jnp.where(terminated, 0.0, later) - now
+
+
+@pytree_dataclass
 class EnvironmentParams:
     """What the environment reads but does not change; every leaf is traced."""
 
@@ -38,6 +59,8 @@ class EnvironmentParams:
     """`[scenarios]`, how an episode begins in each."""
     chances: Float[Array, "*batch scenarios"] | None
     """`[scenarios]`, cumulative: how often each is drawn."""
+    baseline: Baseline | None = None
+    """What rewards are relative to, if they are."""
 
 
 @pytree_dataclass
@@ -171,10 +194,12 @@ class DrivingEnvironment:
         situation, _, report = proceed(self.config, scenario, state.situation, action)
         after = situation.simulation
         weights = situation.weights
+        terminated = after.outcome != Outcome.RUNNING
         terms = reward_terms(params.rewards, self.config.adjustments, weights, before, after, report)
+        if params.baseline is not None and not isinstance(state.scenario, Scenario):
+            terms["baseline"] = params.baseline.term(state.scenario, before.step, terminated)
         reward = sum(terms.values(), jnp.zeros(()))
         sums = _added(state.sums, report)
-        terminated = after.outcome != Outcome.RUNNING
         info = {
             "last_observation": situation.observation,
             "metrics": self._metrics(terms, report, weights, before),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from PIL import Image
@@ -11,7 +12,7 @@ from PIL import Image
 from experiments._comparison import compare, comparison_table
 from experiments._learning_curve import draw_learning_curve
 from experiments._training_log import TrainingLog, read_metrics
-from experiments._training_sets import shares
+from experiments._training_sets import baseline_of, shares
 
 
 def row(ego: float | None, outcome: str = "goal_reached_in_time") -> dict:
@@ -27,6 +28,18 @@ def test_every_group_and_its_hard_scenarios_get_their_share():
     np.testing.assert_allclose(groups[1], 0.25, rtol=1e-6)
     np.testing.assert_allclose(groups[2], 0.5, rtol=1e-6)
     np.testing.assert_allclose(groups[3], 1.0, rtol=1e-6)
+
+
+def test_doing_as_the_default_planner_does_is_rewarded_with_nothing():
+    rewards = np.array([[1.0, -2.0, 30.0, 0.0, 0.0], [0.5, 0.5, 0.5, 0.5, -100.0]])
+    baseline = baseline_of(rewards, 0.9)
+    for scenario, steps in enumerate((3, 5)):
+        for step in range(steps):
+            term = baseline.term(jnp.int32(scenario), jnp.int32(step), jnp.asarray(step + 1 == steps))
+            assert rewards[scenario, step] + float(term) == pytest.approx(0.0, abs=1e-5)
+    survived = baseline.term(jnp.int32(1), jnp.int32(4), jnp.asarray(False))
+    assert float(survived) == pytest.approx(100.0)
+    assert float(baseline.term(jnp.int32(1), jnp.int32(70), jnp.asarray(False))) == 0.0
 
 
 def test_comparison_by_hand():

@@ -32,9 +32,8 @@ def alone(policy, key, max_steps):
 def test_episodes_are_the_same_as_one_by_one(unbroken):
     policy = ppo.current_policy(SMALL, unbroken[-1][0])
     keys, nothing = jax.random.split(jax.random.key(3), 12), jnp.zeros((12, 0))
-    run = jax.jit(
-        lambda: ppo.evaluate(Drift(), partial(ppo.act, policy), nothing, keys, 5, ppo.initial_carry(policy, (12,)))
-    )
+    evaluate = partial(ppo.evaluate, Drift(), partial(ppo.act, policy), record=4)
+    run = jax.jit(lambda: evaluate(nothing, keys, 5, ppo.initial_carry(policy, (12,))))
     found = run()
     expected = [alone(policy, key, 5) for key in keys]
     returns, lengths, ended, terminated, ends = map(np.asarray, zip(*expected, strict=True))
@@ -43,5 +42,10 @@ def test_episodes_are_the_same_as_one_by_one(unbroken):
     np.testing.assert_allclose(found.metrics["reward"], returns, atol=1e-5)
     np.testing.assert_array_equal(found.lengths, lengths)
     np.testing.assert_array_equal(found.ended, ended)
+    assert found.rewards.shape == (12, 4)
+    short = lengths <= 4
+    assert short.any()
+    np.testing.assert_allclose(found.rewards.sum(axis=1)[short], returns[short], atol=1e-5)
+    np.testing.assert_array_equal(found.rewards[np.arange(4) >= lengths[:, None]], 0.0)
     np.testing.assert_array_equal(found.metrics["ended"], ends)
     np.testing.assert_array_equal(np.where(ended, found.episode["terminated"], 0.0), terminated)
