@@ -150,9 +150,8 @@ def settle_study(folder: Path, settings: Mapping[str, Any]) -> None:
         earlier = json.loads(file.read_text())
         for name, value in plain.items():
             if earlier.get(name) != value:
-                raise UserError(
-                    f"{folder}: holds a study with another {name.replace('_', ' ')}; name another folder with --out"
-                )
+                other = "other" if name.endswith("s") else "another"
+                raise UserError(f"{folder}: holds a study with {other} {name}; name another folder with --out")
     with written_whole(file) as handle:
         handle.write(json.dumps(plain, indent=1).encode() + b"\n")
 

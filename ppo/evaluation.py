@@ -121,5 +121,10 @@ def _taken_in(found: Evaluation, step: Array, reward: Array, ended: Array, info:
         ended=found.ended | ended,
         metrics={name: added(found.metrics[name], value) for name, value in info["metrics"].items()},
         episode={name: latest(found.episode[name], value) for name, value in info["episode"].items()},
-        rewards=found.rewards.at[:, step].set(jnp.where(active, reward, 0.0), mode="drop"),
+        rewards=_recorded(found.rewards, step, jnp.where(active, reward, 0.0)),
     )
+
+
+def _recorded(rewards: Array, step: Array, reward: Array) -> Array:
+    """The record with one more step, unless it is full."""
+    return rewards.at[:, step].set(reward, mode="drop") if rewards.shape[1] else rewards

@@ -1,4 +1,4 @@
-"""The paper's study on a few generated scenarios: files, numbers, going on after a stop."""
+"""The paper's study on the built-in scenarios: files, numbers, going on after a stop."""
 
 from __future__ import annotations
 
@@ -16,8 +16,7 @@ import jaxfrenet as jf
 from experiments import reproduce
 from experiments._study import COLUMNS, Driven, rounded, telling_scenario
 
-STUDY = ["--generate", "4", "--generator-seed", "2", "--preset", "commonroad", "--sampling", "fast", "--batch", "4"]
-STUDY += ["--collision-weights", "0"]
+STUDY = ["--scenarios", "builtin", "--collision-weights", "0"]
 EXHIBITS = "outcomes", "risk", "speed_and_risk", "paths", "driving", "run_time", "training", "weights"
 
 
@@ -57,7 +56,7 @@ def test_report_needs_no_other_file(study):
     page = (study / "report.html").read_text()
     assert page.count("<img ") == len(EXHIBITS)
     assert set(re.findall(r'(?:src|href)="(.{10})', page)) == {"data:image"}
-    assert "python -m experiments.reproduce --generate 4" in page
+    assert "python -m experiments.reproduce --scenarios builtin" in page
 
 
 def test_outcomes_equal_the_episodes(study):
@@ -69,7 +68,7 @@ def test_outcomes_equal_the_episodes(study):
         success = sum(outcome.startswith("goal") for outcome in mine)
         assert (len(mine), success, collisions) == tuple(int(row[n]) for n in ("scenarios", "success", "collision"))
         short = "HP" if row["configuration"] == "hybrid" else f"DP {row['configuration'].removeprefix('default_')}"
-        assert report[f"{short}: collisions in 4 scenarios"] == str(collisions)
+        assert report[f"{short}: collisions in 2 scenarios"] == str(collisions)
 
 
 def test_risks_equal_the_episodes(study):
@@ -120,7 +119,7 @@ def test_shown_episode_is_in_the_steps(study):
 
 def test_run_times_equal_their_table(study):
     rows, report = table(study / "run_time.csv"), told(study)
-    assert len({row["scenario"] for row in rows}) == 4
+    assert len({row["scenario"] for row in rows}) == 2
     for part, title in (("policy", "policy"), ("bundle", "trajectory bundle"), ("step", "whole step")):
         values = numbers(rows, part)
         assert (values > 0.0).all()
@@ -145,8 +144,8 @@ def test_goes_on_after_a_stop(study, tmp_path):
 @pytest.mark.parametrize(
     "changed, says",
     [
-        (["--sampling", "full"], "another sampling; name another folder"),
-        (["--generator-seed", "3"], "another scenarios; name another folder"),
+        (["--sampling", "fast"], "another sampling; name another folder"),
+        (["--no-traffic"], "other scenarios; name another folder"),
         (["--name", "nowhere"], "no such scenario"),
         (["--collision-weights", "-1"], "at least 0"),
         (["--batch", "0"], "at least 1"),

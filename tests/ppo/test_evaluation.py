@@ -35,6 +35,9 @@ def test_episodes_are_the_same_as_one_by_one(unbroken):
     evaluate = partial(ppo.evaluate, Drift(), partial(ppo.act, policy), record=4)
     run = jax.jit(lambda: evaluate(nothing, keys, 5, ppo.initial_carry(policy, (12,))))
     found = run()
+    assert jax.eval_shape(
+        lambda: evaluate(nothing, keys, 5, ppo.initial_carry(policy, (12,)), record=0)
+    ).rewards.shape == (12, 0)
     expected = [alone(policy, key, 5) for key in keys]
     returns, lengths, ended, terminated, ends = map(np.asarray, zip(*expected, strict=True))
     assert 0 < ended.sum() < 12 and len(set(lengths)) > 2
