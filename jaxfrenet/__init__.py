@@ -1,11 +1,13 @@
 """A sampling-based motion planner in the Frenet frame, as pure functions on JAX arrays.
 
+```
 import jaxfrenet as jf
 
 config = jf.PlannerConfig()
 state = jf.reset(config, scenario)
 cycle = jf.plan(config, scenario, state, jf.CostWeights())
 state, report = jf.step(config, scenario, state, jf.CostWeights())
+```
 """
 
 from jaxfrenet.config import DT, PlannerConfig

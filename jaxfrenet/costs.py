@@ -253,3 +253,4 @@ COST_TERMS: dict[str, CostTerm] = {
         yaw_rate,
     )
 }
+"""The planner's own terms by name, in the order of the fields of `CostWeights`."""

@@ -10,7 +10,7 @@ import shlex
 import subprocess
 import sys
 from dataclasses import fields
-from importlib.util import find_spec
+from importlib.util import find_spec, module_from_spec, spec_from_file_location
 from pathlib import Path
 
 import pytest
@@ -131,6 +131,17 @@ def test_formulas_are_mathml(site):
     text = (site / "mathematics.html").read_text(encoding="utf-8")
     assert text.count("<math") > 40
     assert "arithmatex" not in text and "\\frac" not in text
+
+
+def test_a_formula_that_cannot_be_shown_stops_the_build(site):
+    """`site` skips this where mkdocs is not installed."""
+    spec = spec_from_file_location("mathml", DOCS / "_mathml.py")
+    assert spec and spec.loader
+    hook = module_from_spec(spec)
+    spec.loader.exec_module(hook)
+    assert "<mi>a</mi>" in hook.on_page_content(r'<span class="arithmatex">\(a\)</span>')
+    with pytest.raises(Exception, match=r"unknowable.*has a command that latex2mathml does not know"):
+        hook.on_page_content(r'<span class="arithmatex">\(\unknowable{a}\)</span>')
 
 
 @pytest.mark.parametrize("package", ["jaxfrenet", "jaxfrenet.environment", "scenarios", "ppo"])
