@@ -29,5 +29,5 @@ $(READY): pyproject.toml
 	@test -x $(BIN)/python || $(PYTHON) -m venv .venv
 	@echo "installing packages into .venv ..."
 	@$(BIN)/python -m pip install -qq --disable-pip-version-check --editable '.[all]' \
-		|| $(BIN)/python -m pip install -qq --disable-pip-version-check --editable '.[commonroad,experiments,gymnasium,viz,dev]'
+		|| $(BIN)/python -m pip install -qq --disable-pip-version-check --editable '.[commonroad,experiments,gymnasium,viz,dev,docs]'
 	@touch $(READY)

@@ -1,15 +1,17 @@
 """A sampling-based motion planner in the Frenet frame, as pure functions on JAX arrays.
 
+```
 import jaxfrenet as jf
 
 config = jf.PlannerConfig()
 state = jf.reset(config, scenario)
 cycle = jf.plan(config, scenario, state, jf.CostWeights())
 state, report = jf.step(config, scenario, state, jf.CostWeights())
+```
 """
 
 from jaxfrenet.config import DT, PlannerConfig
-from jaxfrenet.costs import COST_TERMS, CostWeights
+from jaxfrenet.costs import COST_TERMS, CostInputs, CostWeights, ExtraTerm
 from jaxfrenet.planner import PlanMode, PlanningCycle, plan
 from jaxfrenet.prediction import Prediction, predict, with_predictions
 from jaxfrenet.reference_path import ReferencePath
@@ -37,9 +39,11 @@ __all__ = [
     "FORD_ESCORT",
     "VW_VANAGON",
     "Bundle",
+    "CostInputs",
     "CostWeights",
     "EgoState",
     "Episode",
+    "ExtraTerm",
     "Goal",
     "InitialState",
     "LaneMap",

@@ -2,19 +2,18 @@
 
 A term is one function of `CostInputs`, named as in the reference planner; `COST_TERMS` lists them. It takes values
 `[points, ...]` of the bundle to one cost per trajectory `[...]`. Which terms a program computes is decided by which
-weights are given: a weight of `None` leaves its term out of the program.
+weights are given: a weight of `None` leaves its term out of the program. `CostWeights.extra` brings terms of one's own.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 from collections.abc import Callable
 
 import jax.numpy as jnp
 import numpy as np
 
-from jaxfrenet._pytree import pytree_dataclass
+from jaxfrenet._pytree import pytree_dataclass, static_field
 from jaxfrenet._typing import Array, Float
 from jaxfrenet.collision_probability import collision_probability_cost
 from jaxfrenet.config import DT, PlannerConfig
@@ -27,6 +26,33 @@ LARGEST_COST = 1e12
 """Costs end here, so that their squares and sums stay finite."""
 Weight = Array | float | None
 """A number, an array of shape `[]` (or `[batch]` under `vmap`), or nothing."""
+
+
+@pytree_dataclass
+class CostInputs:
+    """What a cost term may look at."""
+
+    rows: Rows
+    bundle: Bundle
+    prediction: Prediction
+    desired_speed: Float[Array, ""]
+    """`[]`, m/s."""
+    path: ReferencePath
+    lanes: Lanes
+
+
+CostTerm = Callable[[PlannerConfig, CostInputs], Array]
+"""Takes values `[points, ...]` of the bundle to one cost per trajectory `[...]`."""
+
+
+@pytree_dataclass
+class ExtraTerm:
+    """A cost term that is not one of `COST_TERMS`, and its weight."""
+
+    cost: CostTerm = static_field()
+    """A named function; another function, even one that does the same, compiles anew."""
+    weight: Array | float = 1.0
+    """A number, or an array of shape `[]`."""
 
 
 @pytree_dataclass
@@ -49,27 +75,24 @@ class CostWeights:
     steering_angle: Weight = None
     steering_rate: Weight = None
     yaw_rate: Weight = None
+    extra: tuple[ExtraTerm, ...] = ()
+    """Terms of one's own."""
 
     def names(self) -> tuple[str, ...]:
-        """The terms that are switched on, in the order of the fields."""
-        return tuple(f.name for f in dataclasses.fields(self) if getattr(self, f.name) is not None)
+        """The terms that are switched on, in the order of the fields, then the extra ones by their functions' names."""
+        return tuple(term.__name__ for term, _ in self._terms())
 
     def values(self) -> Float[Array, "terms"]:
         """`[terms]`, the weights of `names()`."""
-        return jnp.stack([jnp.asarray(getattr(self, name), jnp.float32) for name in self.names()])
+        return jnp.stack([jnp.asarray(weight, jnp.float32) for _, weight in self._terms()])
 
+    def functions(self) -> tuple[CostTerm, ...]:
+        """What computes the terms of `names()`."""
+        return tuple(term for term, _ in self._terms())
 
-@pytree_dataclass
-class CostInputs:
-    """What a cost term may look at."""
-
-    rows: Rows
-    bundle: Bundle
-    prediction: Prediction
-    desired_speed: Float[Array, ""]
-    """`[]`, m/s."""
-    path: ReferencePath
-    lanes: Lanes
+    def _terms(self) -> list[tuple[CostTerm, Array | float]]:
+        own = [(term, getattr(self, name)) for name, term in COST_TERMS.items()]
+        return [term for term in own if term[1] is not None] + [(one.cost, one.weight) for one in self.extra]
 
 
 def evaluate(config: PlannerConfig, weights: CostWeights, inputs: CostInputs) -> Float[Array, "trajectories terms"]:
@@ -77,7 +100,7 @@ def evaluate(config: PlannerConfig, weights: CostWeights, inputs: CostInputs) ->
 
     At most `LARGEST_COST`, also where an infeasible trajectory's speed or curvature leaves float32's range.
     """
-    every = jnp.stack([COST_TERMS[name](config, inputs).reshape(-1) for name in weights.names()], axis=-1)
+    every = jnp.stack([term(config, inputs).reshape(-1) for term in weights.functions()], axis=-1)
     return jnp.where(every < LARGEST_COST, every, LARGEST_COST)
 
 
@@ -209,7 +232,7 @@ def yaw_rate(config: PlannerConfig, inputs: CostInputs) -> Array:
     return _integral((motion.curvature * motion.speed) ** 2)
 
 
-COST_TERMS: dict[str, Callable[[PlannerConfig, CostInputs], Array]] = {
+COST_TERMS: dict[str, CostTerm] = {
     term.__name__: term
     for term in (
         lateral_jerk,
@@ -230,3 +253,4 @@ COST_TERMS: dict[str, Callable[[PlannerConfig, CostInputs], Array]] = {
         yaw_rate,
     )
 }
+"""The planner's own terms by name, in the order of the fields of `CostWeights`."""

@@ -1,10 +1,12 @@
 """Recurrent proximal policy optimization over any environment that is written in JAX.
 
-A whole training run is one pure function, for tests and sweeps::
+A whole training run is one pure function, for tests and sweeps:
 
-    run = jax.jit(ppo.train, static_argnums=(0, 1, 5))
-    state, metrics = run(ppo.PPOConfig(), environment, ppo.Hyperparameters(), params, jax.random.key(0), 100)
-    policy = ppo.current_policy(ppo.PPOConfig(), state)
+```
+run = jax.jit(ppo.train, static_argnums=(0, 1, 5))
+state, metrics = run(ppo.PPOConfig(), environment, ppo.Hyperparameters(), params, jax.random.key(0), 100)
+policy = ppo.current_policy(ppo.PPOConfig(), state)
+```
 
 `ppo.train_chunk` is a part of one, for runs that are watched, validated and resumed: call it again and again with the
 state it returns, and keep that with `ppo.Checkpoints`. `jax.vmap` over keys and hyperparameters trains several at once;

@@ -1,9 +1,11 @@
 """The closed loop as a learning problem: an agent adjusts the planner's cost weights while it drives.
 
+```
 environment = DrivingEnvironment()
 params = make_params(environment.config, scenarios)
 observation, state = environment.reset(key, params)
 observation, state, reward, terminated, truncated, info = environment.step(key, state, action, params)
+```
 """
 
 from jaxfrenet.environment.action import PAPER_ADJUSTMENTS, Adjustment

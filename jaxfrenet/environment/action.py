@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
 from jaxfrenet._typing import Array, Float
-from jaxfrenet.costs import COST_TERMS, CostWeights
+from jaxfrenet.costs import COST_TERMS, CostTerm, CostWeights, ExtraTerm
 
 
 @dataclass(frozen=True)
@@ -26,17 +27,22 @@ class Adjustment:
     """Highest weight."""
     default: float
     """Weight at the start of an episode, which the default planner keeps."""
+    cost: CostTerm | None = None
+    """What computes the term where it is not one of `COST_TERMS`; `term` then only names it."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot be adjusted.
 
         Raises:
-          ValueError: there is no such cost term, or the numbers make no range around the default.
+          ValueError: there is no such cost term, or the planner has another one of that name, or the numbers make no
+            range around the default.
         """
-        if self.term not in COST_TERMS:
+        if self.cost is None and self.term not in COST_TERMS:
             raise ValueError(
                 f"adjustment of {self.term!r}: there is no such cost term; there are {', '.join(COST_TERMS)}"
             )
+        if self.cost is not None and self.term in COST_TERMS:
+            raise ValueError(f"adjustment of {self.term!r}: the planner has a term of that name; choose another name")
         ordered = 0.0 <= self.low <= self.default <= self.high < math.inf and self.low < self.high
         if not (ordered and 0.0 < self.scale < math.inf):
             raise ValueError(
@@ -81,8 +87,10 @@ def normalized(adjustments: tuple[Adjustment, ...], weights: Float[Array, "actio
 
 def cost_weights(adjustments: tuple[Adjustment, ...], weights: Float[Array, "actions"]) -> CostWeights:
     """The planner's weights; terms that the table leaves out are switched off."""
-    every = dict.fromkeys(COST_TERMS) | {one.term: weights[place] for place, one in enumerate(adjustments)}
-    return CostWeights(**every)
+    known: dict[str, Any] = dict.fromkeys(COST_TERMS)
+    known |= {one.term: weights[place] for place, one in enumerate(adjustments) if one.cost is None}
+    extra = [ExtraTerm(one.cost, weights[place]) for place, one in enumerate(adjustments) if one.cost is not None]
+    return CostWeights(**known, extra=tuple(extra))
 
 
 def _column(adjustments: tuple[Adjustment, ...], name: str) -> np.ndarray:

@@ -103,7 +103,8 @@ def observation_fields(config: EnvironmentConfig) -> tuple[Field, ...]:
 def _terms(config: EnvironmentConfig) -> list[str]:
     """The cost terms that are switched on, in the order of the planner's costs."""
     adjusted = {one.term for one in config.adjustments}
-    return [term for term in COST_TERMS if term in adjusted]
+    extra = [one.term for one in config.adjustments if one.cost is not None]
+    return [term for term in COST_TERMS if term in adjusted] + extra
 
 
 def _cost_scale(term: str) -> float:

@@ -222,7 +222,11 @@ def test_the_documented_observation_is_the_one_there_is():
 def test_the_documented_actions_are_those_there_are():
     documented = [
         Adjustment(
-            row["Cost weight"], *(number(row[name]) for name in ("Change per step", "Lowest", "Highest", "Start"))
+            row["Cost weight"],
+            scale=number(row["Change per step"]),
+            low=number(row["Lowest"]),
+            high=number(row["Highest"]),
+            default=number(row["Start"]),
         )
         for row in tables()["Cost weight"]
     ]
