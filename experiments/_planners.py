@@ -20,6 +20,7 @@ from jaxfrenet.environment import (
     proceed,
     roll_out_policy,
 )
+from jaxfrenet.environment.action import cost_weights, default_weights
 from scenarios.command_line import UserError
 
 SHIPPED = Path(__file__).parent / "policies" / "default"
@@ -116,9 +117,9 @@ class HybridPlanner:
 
     @property
     def terms(self) -> tuple[str, ...]:
-        """Those whose weights are adjusted."""
-        adjusted = {one.term for one in self.environment.adjustments}
-        return tuple(term for term in jf.COST_TERMS if term in adjusted)
+        """Those whose weights the policy adjusts."""
+        adjustments = self.environment.adjustments
+        return cost_weights(adjustments, default_weights(adjustments)).names()
 
     def roll_out(self, parameters: ppo.Policy, scenario: jf.Scenario, max_steps: int) -> jf.Episode:
         """Drive one scenario to its end."""

@@ -57,16 +57,18 @@ def track_of(episode: jf.Episode, terms: Sequence[str]) -> np.ndarray:
 
     Args:
       episode: without a batch axis, NumPy arrays.
-      terms: the cost terms that are switched on, in the order of the reports.
+      terms: the cost terms that are switched on, in the order of the reports; only the planner's own are kept.
     """
     steps, planned = int(episode.steps), driven_steps(episode)
     reports = episode.reports
     ego = np.stack([getattr(episode.ego, name)[: steps + 1] for name in EGO], axis=-1)
-    plans = [*(getattr(reports, name) for name in RISKS), reports.costs.sum(-1), *reports.weights.T]
+    plans = {name: getattr(reports, name) for name in RISKS} | {"unweighted_cost": reports.costs.sum(-1)}
+    plans |= {f"weight_{term}": weight for term, weight in zip(terms, reports.weights.T, strict=True)}
     track = np.full((steps + 1, len(COLUMNS)), np.nan)
     track[:, : len(EGO)] = ego
-    places = [COLUMNS.index(name) for name in (*RISKS, "unweighted_cost", *(f"weight_{term}" for term in terms))]
-    track[:planned, places] = np.stack(plans, axis=-1)[:planned]
+    for name in COLUMNS[len(EGO) :]:
+        if name in plans:
+            track[:planned, COLUMNS.index(name)] = plans[name][:planned]
     return rounded(track)
 
 
