@@ -49,6 +49,11 @@ class Planner(Protocol):
         """A pytree of numbers that driving depends on."""
         ...
 
+    @property
+    def terms(self) -> tuple[str, ...]:
+        """The cost terms that rank trajectories, in the order of a step's report."""
+        ...
+
     def roll_out(self, parameters: Any, scenario: jf.Scenario, max_steps: int) -> jf.Episode:
         """Drive one scenario to its end."""
         ...
@@ -68,6 +73,11 @@ class DefaultPlanner:
 
     config: jf.PlannerConfig
     parameters: jf.CostWeights
+
+    @property
+    def terms(self) -> tuple[str, ...]:
+        """Those that have a weight."""
+        return self.parameters.names()
 
     def roll_out(self, parameters: jf.CostWeights, scenario: jf.Scenario, max_steps: int) -> jf.Episode:
         """Drive one scenario to its end."""
@@ -103,6 +113,12 @@ class HybridPlanner:
     def config(self) -> jf.PlannerConfig:
         """Settings of the planning cycles."""
         return self.environment.planner
+
+    @property
+    def terms(self) -> tuple[str, ...]:
+        """Those whose weights the policy adjusts."""
+        adjusted = {one.term for one in self.environment.adjustments}
+        return jf.CostWeights(**{name: 1.0 if name in adjusted else None for name in jf.COST_TERMS}).names()
 
     def roll_out(self, parameters: ppo.Policy, scenario: jf.Scenario, max_steps: int) -> jf.Episode:
         """Drive one scenario to its end."""
