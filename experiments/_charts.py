@@ -12,7 +12,7 @@ from experiments._scene import EGO, OTHER_EGO
 
 PLANNER_COLORS = EGO, OTHER_EGO
 """Of the planner that is shown, and of the one that it is compared with."""
-PLANNER_WIDTHS = 1.5, 2.8
+PLANNER_WIDTHS = 1.5, 2.6
 """Widths of their lines: the second planner's lie below the first's and remain visible where both do the same."""
 TERM_COLORS = "#2f6db3", "#c77d1e", "#2e9e6b", "#7b4fa3", "#c2417c", "#0b8793", "#8a6d3b", "#5e6b78"
 DECADES = 1e6

@@ -138,8 +138,11 @@ def _obstacles(scenario: jf.Scenario) -> list[dict[str, Any]]:
             "color": kind_color(kind),
             "length": round(float(length), 3),
             "width": round(float(width), 3),
+            "isSeen": bool(seen),
         }
-        for kind, length, width in zip(obstacles.kind, obstacles.length, obstacles.width, strict=True)
+        for kind, length, width, seen in zip(
+            obstacles.kind, obstacles.length, obstacles.width, obstacles.valid.any(axis=-1), strict=True
+        )
     ]
 
 

@@ -1,7 +1,7 @@
 // A chart of curves over time, with a cursor.
 
-import { prepare, stroke } from "./canvas.mjs";
-import { clamp, formatNumber, formatPlain, formatTick, linearTicks, logTicks } from "./format.mjs";
+import { linesPath, prepare, stroke } from "./canvas.mjs";
+import { clamp, formatNumber, formatPlain, formatTick, formatTime, linearTicks, logTicks } from "./format.mjs";
 
 const MARGIN = { left: 44, right: 8, top: 4, bottom: 16 };
 const RULE = "#e3e6e8";
@@ -84,8 +84,9 @@ export class Chart {
     return bottom - ((this.onAxis(value) - low) / (high - low)) * (bottom - top);
   }
 
+  /** What has no logarithm lies far below the axis. */
   onAxis(value) {
-    return this.log ? Math.log10(value) : value;
+    return this.log ? Math.log10(Math.max(value, Number.MIN_VALUE)) : value;
   }
 
   drawAxes(context) {
@@ -126,23 +127,24 @@ export class Chart {
     context.restore();
   }
 
-  /** The path of values; there are gaps where there is no value, or none that a logarithm has. */
+  /** The path of values; there are gaps where there is none. */
   curve(values) {
     const path = new Path2D();
     let isDown = false;
     values.forEach((value, step) => {
-      const exists = value !== null && (!this.log || value > 0);
-      if (exists) path[isDown ? "lineTo" : "moveTo"](this.x(step), this.y(value));
-      isDown = exists;
+      if (value !== null) path[isDown ? "lineTo" : "moveTo"](this.x(step), this.y(value));
+      isDown = value !== null;
     });
     return path;
   }
 
   drawCursor(context, step, color, dash = []) {
-    const path = new Path2D();
-    path.moveTo(this.x(step), this.frame.top);
-    path.lineTo(this.x(step), this.frame.bottom);
-    stroke(context, path, color, 1, { dash });
+    const { left, right, top, bottom } = this.frame;
+    const x = this.x(step);
+    stroke(context, linesPath([[[x, top], [x, bottom]]]), color, 1, { dash });
+    if (!dash.length) return;
+    context.textAlign = x < (left + right) / 2 ? "left" : "right";
+    context.fillText(formatTime(step * this.stepSeconds), x + (x < (left + right) / 2 ? 4 : -4), top + 9);
   }
 
   showReadings(step) {

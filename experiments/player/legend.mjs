@@ -35,8 +35,10 @@ function bundleEntries({ costColors, infeasibleColor, reasons }, view, bundle) {
 /** Kinds that share a colour share an entry. */
 function trafficEntries(obstacles) {
   const kinds = new Map();
-  for (const { kind, color } of obstacles) kinds.set(color, (kinds.get(color) ?? new Set()).add(kind));
-  return [...kinds].map(([color, names]) => area(`${[...names].join(", ")}; predicted, 2σ`, color));
+  const seen = obstacles.filter(({ isSeen }) => isSeen);
+  for (const { kind, color } of seen) kinds.set(color, (kinds.get(color) ?? new Set()).add(kind));
+  const entries = [...kinds].map(([color, names]) => area([...names].join(", "), color));
+  return seen.length ? [...entries, area("predicted, 2σ", `${seen[0].color}40`)] : entries;
 }
 
 /** Put entries into a list element. */

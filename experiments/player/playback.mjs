@@ -68,9 +68,21 @@ export function listenToKeys(playback) {
     End: () => playback.move(playback.steps),
   };
   document.addEventListener("keydown", (event) => {
-    const isChoosing = event.target.tagName === "SELECT";
-    if (!actions[event.key] || isChoosing || event.ctrlKey || event.altKey || event.metaKey) return;
+    if (!actions[event.key] || isForControl(event) || event.ctrlKey || event.altKey || event.metaKey) return;
     event.preventDefault();
     actions[event.key](event);
   });
+  for (const kind of ["click", "change"]) document.addEventListener(kind, giveKeysBack);
+}
+
+/** Whether a key means something to the control that has the focus. */
+function isForControl({ key, target }) {
+  return target.matches("select") || (key === " " && target.matches("button, summary, [type=checkbox]"));
+}
+
+/** A control that was used with a pointer does not keep the keys for itself; an open list of choices does. */
+function giveKeysBack({ type }) {
+  const focused = document.activeElement;
+  if (type === "click" && focused.matches("select")) return;
+  if (!focused.matches(":focus-visible")) focused.blur();
 }

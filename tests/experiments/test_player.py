@@ -110,6 +110,13 @@ def test_plays_as_fast_as_asked_and_stops_at_the_end(opened, viewed):
     assert viewed.recordings[0].outcome.name.lower().replace("_", " ") in opened.shows("status")
 
 
+def test_a_button_that_was_clicked_leaves_space_to_playing(opened):
+    opened.tab.locator("#forward").click()
+    opened.tab.keyboard.press("Space")
+    opened.tab.wait_for_function("() => Number(document.getElementById('scrub').value) > 3")
+    assert opened.tab.locator("#play").get_attribute("aria-label") == "Pause"
+
+
 def test_charts_show_the_values_at_the_time_and_where_one_points(opened, viewed):
     speeds = [[f"{float(state.ego.speed):.2f}" for state in one.states] for one in viewed.recordings]
     opened.seek(STEP)

@@ -1,11 +1,13 @@
 from __future__ import annotations
 
 import base64
+import dataclasses
 import gzip
 import html
 import json
 import re
 
+import imageio_ffmpeg
 import jax
 import numpy as np
 import pytest
@@ -14,9 +16,11 @@ from PIL import Image
 import jaxfrenet as jf
 from experiments import view
 from experiments._moments import found_colliding
+from experiments._planners import load_hybrid
 from experiments._player import SOURCES
 from experiments._player_data import EVERY, REASONS, UNIT
 from experiments._scene import EGO, OTHER_EGO, SURFACE
+from jaxfrenet.environment.action import cost_weights, default_weights
 
 STEP = 30
 """Of the episode, where it is looked at."""
@@ -65,6 +69,29 @@ def test_page_and_picture_are_all_that_is_written(viewed, page_file):
     assert page_file.stat().st_size < 5_000_000
     with Image.open(viewed.folder / f"{name}.png") as picture:
         assert picture.size == (1040, 560)
+
+
+@pytest.mark.parametrize("kind, suffixes", [("png", [".png"]), ("gif", [".gif", ".png"]), ("mp4", [".mp4", ".png"])])
+def test_other_formats(viewed, kind, suffixes, tmp_path, monkeypatch):
+    whole = viewed.recordings[0]
+    begin = dataclasses.replace(whole, states=whole.states[:6], cycles=whole.cycles[:5], reports=whole.reports[:5])
+    monkeypatch.setattr(view, "record", lambda *_: begin)
+    view.main(["--scenarios", "builtin", "--format", kind, "--out", str(tmp_path)])
+    assert sorted(path.suffix for path in tmp_path.iterdir()) == suffixes
+    if kind == "gif":
+        with Image.open(tmp_path / f"{whole.name}.gif") as animation:
+            assert animation.size == (1040, 560)
+            assert getattr(animation, "n_frames", 1) == len(view.frame_steps(5))
+    if kind == "mp4":
+        count, _ = imageio_ffmpeg.count_frames_and_secs(str(tmp_path / f"{whole.name}.mp4"))
+        assert count == len(view.frame_steps(5)) + round(view.HOLD / view.SECONDS_PER_FRAME)
+
+
+def test_terms_of_the_hybrid_planner_are_those_of_its_reports():
+    hybrid = load_hybrid(None, jf.PlannerConfig())
+    adjustments = hybrid.environment.adjustments
+    assert hybrid.terms == cost_weights(adjustments, default_weights(adjustments)).names()
+    assert "prediction" in hybrid.terms
 
 
 @pytest.mark.parametrize("planner, word", [("default", "default"), ("hybrid", "shipped")])
