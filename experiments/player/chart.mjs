@@ -3,7 +3,7 @@
 import { linesPath, prepare, stroke } from "./canvas.mjs";
 import { clamp, formatNumber, formatPlain, formatTick, formatTime, linearTicks, logTicks } from "./format.mjs";
 
-const MARGIN = { left: 44, right: 8, top: 4, bottom: 16 };
+const MARGIN = { left: 44, right: 8, top: 7, bottom: 16 };
 const RULE = "#e3e6e8";
 const QUIET = "#5b6570";
 const CURSOR = "#1b1f24";

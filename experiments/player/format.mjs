@@ -40,7 +40,7 @@ export function logTicks(low, high, most) {
   return ticks;
 }
 
-/** What stands at a tick: 0, 10, 1000 as they are, other powers of ten as 1e-7. */
+/** What stands at a tick: 0.1, 10, 1000 as they are, smaller and larger ones as 1e-7. */
 export function formatTick(value) {
   const size = Math.abs(value);
   if (value === 0 || (size >= 0.01 && size < 1e5)) return String(Number(value.toPrecision(6)));

