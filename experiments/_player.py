@@ -18,7 +18,6 @@ from experiments._recording import Recording
 
 SOURCES = Path(__file__).parent / "player"
 MODULES = (
-    "arrays.mjs",
     "format.mjs",
     "canvas.mjs",
     "camera.mjs",

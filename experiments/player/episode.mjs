@@ -1,10 +1,30 @@
 // One planner's episode: where the ego is at a step, and what was planned there.
 
-import { integrateTwice, unpack } from "./arrays.mjs";
 import { clamp } from "./format.mjs";
 
+const TYPES = { float32: Float32Array, int32: Int32Array, int16: Int16Array, uint8: Uint8Array };
 const POSE_FIELDS = 4;
 const ELLIPSE_FIELDS = 7;
+
+/** Packed arrays by name: base64 of gzip, and where in the bytes which array begins. */
+export async function unpack({ arrays, bytes }) {
+  const buffer = await decompressed(Uint8Array.from(atob(bytes), (letter) => letter.charCodeAt(0)));
+  const views = arrays.map(({ name, type, start, length }) => [name, new TYPES[type](buffer, start, length)]);
+  return Object.fromEntries(views);
+}
+
+async function decompressed(bytes) {
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+  return new Response(stream).arrayBuffer();
+}
+
+/** Undo second differences along the first axis of an array [rows, columns], in place. */
+function integrateTwice(values, columns) {
+  for (let pass = 0; pass < 2; pass += 1) {
+    for (let place = columns; place < values.length; place += 1) values[place] += values[place - columns];
+  }
+  return values;
+}
 
 /** A vehicle's place at a step, or null where it is not there. */
 export function poseAt(poses, row) {

@@ -8,7 +8,7 @@ export function legendEntries(data, episodes, view, bundle) {
   return [
     ...episodes.map(({ planner, color }) => area(episodes.length > 1 ? `ego, ${planner}` : "ego", color)),
     line("chosen trajectory", shown.color),
-    ...bundleEntries(data, view, bundle),
+    ...bundleEntries(data, view, bundle, shown.sampled),
     line("reference path", data.colors.path),
     area("goal", data.colors.goal),
     ...trafficEntries(data.obstacles),
@@ -18,7 +18,7 @@ export function legendEntries(data, episodes, view, bundle) {
 const area = (label, color) => ({ label, color, isLine: false });
 const line = (label, color) => ({ label, color, isLine: true });
 
-function bundleEntries({ costColors, infeasibleColor, reasons }, view, bundle) {
+function bundleEntries({ costColors, infeasibleColor, reasons }, view, bundle, sampled) {
   if (view.bundle === "none") return [];
   if (view.bundle === "cost") {
     const gradient = `linear-gradient(90deg, ${costColors.join(", ")})`;
@@ -29,6 +29,7 @@ function bundleEntries({ costColors, infeasibleColor, reasons }, view, bundle) {
   return [
     line(`feasible (${free})`, FREE_COLOR),
     ...reasons.map(({ label, color }, place) => line(`${label} (${counts[place]})`, color)),
+    line(`leaves the path (${sampled - bundle.length}), not drawn`, "transparent"),
   ];
 }
 

@@ -1,8 +1,7 @@
 // The page: reads the data, builds the views, and keeps them at the same time.
 
-import { unpack } from "./arrays.mjs";
 import { Chart } from "./chart.mjs";
-import { readEpisode } from "./episode.mjs";
+import { readEpisode, unpack } from "./episode.mjs";
 import { formatTime } from "./format.mjs";
 import { listenToGestures } from "./gestures.mjs";
 import { fillLegend, legendEntries } from "./legend.mjs";

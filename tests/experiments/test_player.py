@@ -14,7 +14,7 @@ import jaxfrenet as jf
 from experiments._moments import camera_track, ego_centers
 from experiments._player import MODULES, SOURCES, joined_modules, page
 from experiments._road_view import VIEW
-from experiments._scene import EGO, kind_color
+from experiments._scene import EGO, SURFACE, kind_color
 
 DESKTOP, PHONE = {"width": 1280, "height": 800}, {"width": 390, "height": 844}
 STEP = 30
@@ -228,8 +228,11 @@ def test_trajectories_tell_cost_or_reason(opened, viewed):
     opened.settle()
     assert (np.abs(opened.pixels() - by_cost).max(axis=-1) > 20).mean() > 0.002
     opened.tab.locator("#legend summary").wait_for()
-    assert re.search(r"feasible \(\d+\)", opened.shows("legend"))
-    assert re.search(r"curvature rate \([1-9]\d*\)", opened.shows("legend"))
+    counts = {name: int(count) for name, count in re.findall(r"([\w ]+) \((\d+)\)", opened.shows("legend"))}
+    feasible = cycle.feasibility.feasible
+    assert counts["feasible"] + counts["collides"] == feasible.sum()
+    assert counts["curvature rate"] > 0
+    assert sum(counts.values()) == len(feasible)
     opened.tab.locator("#bundle").select_option("none")
     opened.settle()
     assert opened.point_at(recording, (cycle.trajectory.x[-1], cycle.trajectory.y[-1])) is None
@@ -266,6 +269,24 @@ def test_fits_a_phone(browser, page_file):
     assert opened.tab.locator("#road").bounding_box()["height"] > 300
     opened.tab.locator("#play").tap()
     opened.tab.wait_for_function("() => Number(document.getElementById('scrub').value) > 2")
+    assert opened.complaints == []
+    opened.tab.context.close()
+
+
+def test_two_fingers_zoom(browser, page_file):
+    opened = Opened(browser, page_file, viewport=PHONE, device_scale_factor=1, has_touch=True, is_mobile=True)
+    before, box = opened.pixels(), opened.tab.locator("#road").bounding_box()
+    fingers = opened.tab.context.new_cdp_session(opened.tab)
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    for kind, apart in [("touchStart", 40), ("touchMove", 60), ("touchMove", 100), ("touchMove", 120)]:
+        points = [{"x": x - apart / 2, "y": y, "id": 0}, {"x": x + apart / 2, "y": y, "id": 1}]
+        fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+        opened.settle()
+    fingers.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+    opened.settle()
+    surface = list(bytes.fromhex(SURFACE[1:]))
+    shares = [(np.abs(seen - surface).max(axis=-1) < 8).mean() for seen in (before, opened.pixels())]
+    assert shares[1] > 1.5 * shares[0]
     assert opened.complaints == []
     opened.tab.context.close()
 
