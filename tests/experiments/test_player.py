@@ -217,6 +217,17 @@ def test_vehicles_are_where_they_were_and_tell_their_speed(opened, viewed):
     assert told.startswith("car") and f"{float(obstacles.speed[nearest, STEP]):.2f} m/s" in told
 
 
+def test_a_turning_ego_points_where_it_drives(opened, viewed):
+    recording = viewed.recordings[0]
+    headings = np.array([state.ego.heading for state in recording.states])
+    step = int(np.argmin(np.abs(headings - np.pi / 4)))
+    opened.seek(step)
+    along = np.array([np.cos(headings[step]), np.sin(headings[step])])
+    corner = ego_centers(recording, jf.BMW_320I)[step] - 2.0 * along + 0.6 * along[::-1] * [-1, 1]
+    x, y = np.round(opened.place(recording, corner)).astype(int)
+    assert np.abs(opened.pixels()[y, x] - list(bytes.fromhex(EGO[1:]))).max() < 10
+
+
 def test_trajectories_tell_cost_or_reason(opened, viewed):
     recording = viewed.recordings[0]
     cycle = recording.cycles[STEP]
