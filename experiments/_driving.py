@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -51,6 +52,37 @@ def chosen_planner(options: DrivingOptions) -> Planner:
     if options.weights:
         raise UserError(f"--weights {options.weights[0]}: the hybrid planner's policy sets them; leave it out")
     return load_hybrid(options.policy, config)
+
+
+def own_name(options: DrivingOptions) -> str:
+    """What the planner that the options ask for is called in a comparison."""
+    if options.planner == "default":
+        return "default, own weights" if options.weights else "default"
+    return "shipped" if options.policy is None else str(options.policy)
+
+
+def other_planners(options: DrivingOptions, words: Sequence[str], config: jf.PlannerConfig) -> dict[str, Planner]:
+    """Planners to compare with, by names that folders can have; the default planner is the first.
+
+    Args:
+      options: ask for the planner that the others are compared with.
+      words: `default`, `shipped` or folders of policies.
+      config: settings of the planning cycles.
+
+    Raises:
+      UserError: a word stands for no policy, or for the planner itself.
+    """
+    others: dict[str, Planner] = {}
+    for word in sorted(dict.fromkeys(words), key=lambda word: word != "default"):
+        if word == own_name(options):
+            raise UserError(f"--compare {word}: is the planner itself; name another one, or add --planner hybrid")
+        if word == "default":
+            others[word] = DefaultPlanner(config, jf.CostWeights())
+        else:
+            folder = None if word == "shipped" else Path(word)
+            name = word if folder is None else "_".join(part for part in folder.parts if part.strip("./"))
+            others[name] = load_hybrid(folder, config)
+    return others
 
 
 def planner_config(options: DrivingOptions) -> jf.PlannerConfig:

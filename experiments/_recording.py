@@ -17,6 +17,10 @@ class Recording:
 
     name: str
     """The scenario's name."""
+    planner: str
+    """What the planner is called."""
+    terms: tuple[str, ...]
+    """Names of the cost terms, in the order of the cycles' costs and the reports' weights."""
     scenario: jf.Scenario
     states: list[jf.SimulationState]
     """Before the first step and after each."""
@@ -32,12 +36,17 @@ class Recording:
 
 
 def record(
-    planner: Planner, name: str, scenario: jf.Scenario, after_step: Callable[[], object] = lambda: None
+    planner: Planner,
+    called: str,
+    name: str,
+    scenario: jf.Scenario,
+    after_step: Callable[[], object] = lambda: None,
 ) -> Recording:
     """Drive one episode to its end.
 
     Args:
       planner: what drives.
+      called: what the planner is called.
       name: the scenario's name.
       scenario: one scenario, without a batch axis.
       after_step: called after each step, for a progress bar.
@@ -52,4 +61,4 @@ def record(
         states.append(jax.device_get(state))
         reports.append(jax.device_get(report))
         after_step()
-    return Recording(name, jax.device_get(scenario), states, cycles, reports)
+    return Recording(name, called, planner.terms, jax.device_get(scenario), states, cycles, reports)

@@ -37,12 +37,12 @@ def episode_row(name: str, info: scenarios.ScenarioInfo, episode: jf.Episode) ->
         "outcome": jf.Outcome(int(episode.outcome)).name.lower(),
         "steps": steps,
         **_risks(reports, driven_steps(episode)),
-        "mean_speed": _number(np.mean(speed)),
-        "final_speed": _number(speed[-1]),
-        "distance": _number(episode.ego.arc_length[steps] - episode.ego.arc_length[0]),
-        "max_abs_offset": _number(np.max(np.abs(episode.ego.offset[driven]))),
-        "mean_cost": _number(np.mean(reports.cost[:steps])),
-        "mean_feasible_share": _number(np.mean(reports.feasible_share[:steps])),
+        "mean_speed": six_digits(np.mean(speed)),
+        "final_speed": six_digits(speed[-1]),
+        "distance": six_digits(episode.ego.arc_length[steps] - episode.ego.arc_length[0]),
+        "max_abs_offset": six_digits(np.max(np.abs(episode.ego.offset[driven]))),
+        "mean_cost": six_digits(np.mean(reports.cost[:steps])),
+        "mean_feasible_share": six_digits(np.mean(reports.feasible_share[:steps])),
         "emergency_steps": int(np.sum(reports.mode[:steps] == jf.PlanMode.EMERGENCY)),
     }
 
@@ -57,12 +57,12 @@ def _risks(reports: jf.StepReport, steps: int) -> dict[str, float | None]:
     row = {}
     for side in SIDES:
         risk = getattr(reports, f"{side}_risk")[:steps]
-        row[f"mean_{side}_risk"] = _number(np.mean(risk, dtype=np.float64)) if steps else None
-        row[f"max_{side}_risk"] = _number(np.max(risk)) if steps else None
+        row[f"mean_{side}_risk"] = six_digits(np.mean(risk, dtype=np.float64)) if steps else None
+        row[f"max_{side}_risk"] = six_digits(np.max(risk)) if steps else None
     return row
 
 
-def _number(value: SupportsFloat) -> float | None:
+def six_digits(value: SupportsFloat) -> float | None:
     """A float that JSON can hold, with the six digits that float32 carries; None for what is not finite."""
     return float(f"{float(value):.6g}") if np.isfinite(float(value)) else None
 
@@ -76,7 +76,7 @@ def summarize(
         "scenarios": len(rows),
         **{outcome: counts[outcome] for outcome in OUTCOMES},
         **{f"mean_{side}_risk": _mean([row[f"mean_{side}_risk"] for row in rows]) for side in SIDES},
-        "mean_speed": _number(np.mean([row["mean_speed"] for row in rows])),
+        "mean_speed": six_digits(np.mean([row["mean_speed"] for row in rows])),
         "seconds": round(seconds, 3),
         "compile_seconds": round(compile_seconds, 3),
         "planning_cycles": sum(row["steps"] for row in rows),
@@ -87,7 +87,7 @@ def summarize(
 def _mean(values: Sequence[float | None]) -> float | None:
     """The mean of the values that are known."""
     known = [value for value in values if value is not None]
-    return _number(np.mean(known)) if known else None
+    return six_digits(np.mean(known)) if known else None
 
 
 def write_results(folder: Path, config: dict[str, Any], summary: dict[str, Any], rows: list[dict[str, Any]]) -> None:

@@ -11,6 +11,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, PathPatch
+from matplotlib.path import Path
 from matplotlib.transforms import Transform
 
 import jaxfrenet as jf
@@ -18,6 +19,8 @@ from experiments._outlines import filled_area
 
 OFF_ROAD, SURFACE, EDGE = "#eef0ea", "#d3d7dc", "#8b939c"
 PATH, GOAL, EGO = "#5b6570", "#2e9e6b", "#d7263d"
+OTHER_EGO = "#1b1f24"
+"""The ego as another planner drives it."""
 KIND_COLORS = {
     jf.ObstacleKind.CAR: "#2f6db3",
     jf.ObstacleKind.TRUCK: "#7b4fa3",
@@ -75,24 +78,37 @@ def draw_surroundings(axes: Axes, scenario: jf.Scenario, transform: Transform | 
     place: dict[str, Any] = {"transform": transform or axes.transData}
     axes.set_facecolor(OFF_ROAD)
     axes.set_aspect("equal")
-    surface = filled_area(np.asarray(scenario.road.segments)[np.asarray(scenario.road.valid)])
+    surface = surface_area(scenario)
     if surface is not None:
         axes.add_patch(PathPatch(surface, facecolor=SURFACE, edgecolor=EDGE, linewidth=1.0, zorder=1, **place))
-    goal = scenario.goal
-    region = filled_area(np.asarray(goal.edges)[np.asarray(goal.edge_valid & np.asarray(goal.valid)[:, None])])
+    region = goal_area(scenario)
     if region is not None:
         shade = to_rgba(GOAL, 0.25)
         axes.add_patch(PathPatch(region, facecolor=shade, edgecolor=GOAL, linewidth=1.0, zorder=2, **place))
-    borders = LineCollection(_lane_borders(scenario), colors="white", linewidths=1.0, zorder=1.5, **place)
+    borders = LineCollection(lane_borders(scenario), colors="white", linewidths=1.0, zorder=1.5, **place)
     axes.add_collection(borders, autolim=False)
+    axes.plot(*path_line(scenario).T, color=PATH, linewidth=1.0, dashes=(6, 4), zorder=2.5, **place)
+
+
+def surface_area(scenario: jf.Scenario) -> Path | None:
+    """The road's surface; None where the scenario has none."""
+    return filled_area(np.asarray(scenario.road.segments)[np.asarray(scenario.road.valid)])
+
+
+def goal_area(scenario: jf.Scenario) -> Path | None:
+    """The goal's region; None where every position will do."""
+    goal = scenario.goal
+    return filled_area(np.asarray(goal.edges)[np.asarray(goal.edge_valid & np.asarray(goal.valid)[:, None])])
+
+
+def path_line(scenario: jf.Scenario) -> np.ndarray:
+    """The reference path `[nodes, xy]`, m."""
     path = scenario.path
-    on_path = np.asarray(path.arc_length <= path.length)
-    x, y = np.asarray(path.x)[on_path], np.asarray(path.y)[on_path]
-    axes.plot(x, y, color=PATH, linewidth=1.0, dashes=(6, 4), zorder=2.5, **place)
+    return np.stack([path.x, path.y], axis=-1)[np.asarray(path.arc_length <= path.length)]
 
 
-def _lane_borders(scenario: jf.Scenario) -> list[np.ndarray]:
-    """Both borders of the route's lane along the reference path."""
+def lane_borders(scenario: jf.Scenario) -> list[np.ndarray]:
+    """Both borders of the route's lane along the reference path `[nodes, xy]`, m; not a number where it has none."""
     path, lanes = scenario.path, scenario.lanes
     heading, center = np.asarray(path.heading), np.asarray(lanes.center)[:, 0]
     normal = np.stack([-np.sin(heading), np.cos(heading)], axis=-1)

@@ -93,6 +93,20 @@ def load_files(sources: tuple[Path, ...], planning_problem: int | None = None) -
         return scenarios.load_cached(scenario_paths(sources), planning_problem, progress=_reporter(bar))
 
 
+def choose(found: scenarios.ScenarioSet, name: str | None) -> int:
+    """Index of the scenario with a name; the first one for None.
+
+    Raises:
+      UserError: there is no such scenario.
+    """
+    names = [info.name for info in found.infos]
+    if name is None:
+        return 0
+    if name not in names:
+        raise UserError(f"--name {name}: no such scenario; there are {', '.join(names[:10])}{' …' * (len(names) > 10)}")
+    return names.index(name)
+
+
 def scenario_paths(sources: Iterable[Path]) -> list[Path]:
     """The paths that `--scenarios` names; `builtin` stands for the project's own files."""
     return [path for source in sources for path in (scenarios.builtin_paths() if source == BUILTIN else [source])]

@@ -16,8 +16,8 @@ import jaxfrenet as jf
 import scenarios
 from experiments._batches import Batch, BatchDriver, make_batches
 from experiments._comparison import compare, comparison_table
-from experiments._driving import DrivingOptions, chosen_planner, cost_weights
-from experiments._planners import DefaultPlanner, Planner, load_hybrid
+from experiments._driving import DrivingOptions, chosen_planner, cost_weights, other_planners, own_name
+from experiments._planners import Planner
 from experiments._results import driven_steps, episode_row, summarize, summary_table, write_results
 from experiments._sources import SourceOptions, load_scenarios, source_as_plain
 from scenarios.command_line import UserError, prepare_folder, print_table, run_command
@@ -44,7 +44,7 @@ def evaluate(options: EvaluateOptions) -> None:
     if options.batch < 1:
         raise UserError(f"--batch {options.batch}: give at least 1")
     planner = chosen_planner(options)
-    others = _others(options, planner.config)
+    others = {} if options.compare is None else other_planners(options, options.compare or ("default",), planner.config)
     found = load_scenarios(options)
     folder = prepare_folder(options.out)
     batches, names = make_batches(found.scenarios, options.batch), unique_names(found.infos)
@@ -57,7 +57,7 @@ def evaluate(options: EvaluateOptions) -> None:
         write_results(prepare_folder(folder / name), config | {"planner": name}, other.summary, other.rows)
     print_table(summary_table(driven.summary), "outcomes")
     if beside:
-        compared = compare({name: one.rows for name, one in beside.items()} | {_own_name(options): driven.rows})
+        compared = compare({name: one.rows for name, one in beside.items()} | {own_name(options): driven.rows})
         print("\n".join(comparison_table(compared)))
         with written_whole(folder / "comparison.json") as file:
             file.write(json.dumps(compared, indent=1, allow_nan=False).encode() + b"\n")
@@ -78,35 +78,6 @@ def _driven(planner: Planner, batches: Sequence[Batch], found: scenarios.Scenari
     episodes = _drive(driver, batches, len(found.scenarios))
     rows = [episode_row(*one) for one in zip(names, found.infos, episodes, strict=True)]
     return Driven(episodes, rows, summarize(rows, found.skipped, driver.seconds, driver.compile_seconds))
-
-
-def _own_name(options: EvaluateOptions) -> str:
-    """What the planner that the options ask for is called in a comparison."""
-    if options.planner == "default":
-        return "default, own weights" if options.weights else "default"
-    return "shipped" if options.policy is None else str(options.policy)
-
-
-def _others(options: EvaluateOptions, config: jf.PlannerConfig) -> dict[str, Planner]:
-    """Planners to compare with, by the names of their folders; the default planner is the first.
-
-    Raises:
-      UserError: a name stands for no policy, or for the planner itself.
-    """
-    if options.compare is None:
-        return {}
-    words = dict.fromkeys(options.compare or ("default",))
-    others: dict[str, Planner] = {}
-    for word in sorted(words, key=lambda word: word != "default"):
-        if word == _own_name(options):
-            raise UserError(f"--compare {word}: is the planner itself; name another one, or add --planner hybrid")
-        if word == "default":
-            others[word] = DefaultPlanner(config, jf.CostWeights())
-        else:
-            folder = None if word == "shipped" else Path(word)
-            name = word if folder is None else "_".join(part for part in folder.parts if part.strip("./"))
-            others[name] = load_hybrid(folder, config)
-    return others
 
 
 def _drive(driver: BatchDriver, batches: Sequence[Batch], total: int) -> list[jf.Episode]:

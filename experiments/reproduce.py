@@ -21,7 +21,7 @@ from experiments._machine import describe_machine
 from experiments._planners import SHIPPED, DefaultPlanner, HybridPlanner, load_hybrid
 from experiments._report import source_version, write_report
 from experiments._run_time import measure_run_time
-from experiments._sources import SourceOptions, load_scenarios, source_as_plain
+from experiments._sources import SourceOptions, choose, load_scenarios, source_as_plain
 from experiments._study import COLUMNS, Driven, Study, column, digest, settle_study, telling_scenario
 from experiments._training_log import METRICS, read_metrics
 from experiments.evaluate import unique_names
@@ -67,7 +67,7 @@ def reproduce(options: ReproduceOptions) -> None:
     hybrid = load_hybrid(options.policy, config)
     found = load_scenarios(options)
     names = unique_names(found.infos)
-    place = _named(names, options.name)
+    place = None if options.name is None else choose(found, options.name)
     folder = prepare_folder(options.out)
     settle_study(folder, _settings(options, hybrid, found.scenarios))
     study = Study(folder, make_batches(found.scenarios, options.batch), names, found)
@@ -91,13 +91,6 @@ def _checked_weights(options: ReproduceOptions) -> list[float]:
         if not 0.0 <= weight < np.inf:
             raise UserError(f"--collision-weights {weight}: give finite numbers of at least 0")
     return sorted({DEFAULT_WEIGHT, *options.collision_weights})
-
-
-def _named(names: Sequence[str], name: str | None) -> int | None:
-    if name is not None and name not in names:
-        some = ", ".join(names[:10]) + " …" * (len(names) > 10)
-        raise UserError(f"--name {name}: no such scenario; there are {some}")
-    return None if name is None else names.index(name)
 
 
 def _named_default(weight: float) -> str:

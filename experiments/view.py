@@ -1,4 +1,4 @@
-"""Drive one scenario and show it: road, traffic with predictions, sampled bundle, chosen trajectory, speed, cost."""
+"""Drive one scenario and show it: road, traffic with predictions, sampled bundle, chosen trajectory, charts."""
 
 from __future__ import annotations
 
@@ -15,14 +15,16 @@ from PIL import Image
 from tqdm import tqdm
 
 import jaxfrenet as jf
-import scenarios
-from experiments._driving import DrivingOptions, chosen_planner
+from experiments._charts import film_charts
+from experiments._driving import DrivingOptions, chosen_planner, other_planners, own_name
 from experiments._movies import write_gif, write_mp4
+from experiments._planners import Planner
+from experiments._player import player_page
 from experiments._recording import Recording, record
 from experiments._road_view import RoadView
-from experiments._sources import load_scenarios
+from experiments._sources import choose, load_scenarios
 from experiments._time_plots import TimePlots
-from scenarios.command_line import UserError, prepare_folder, run_command
+from scenarios.command_line import prepare_folder, run_command
 from scenarios.files import written_whole
 
 STEPS_PER_FRAME = 2
@@ -33,28 +35,38 @@ HOLD = 2.0
 
 @dataclass(frozen=True)
 class ViewOptions(DrivingOptions):
-    """Drive one scenario and write an animation and a still picture of it."""
+    """Drive one scenario and show it: a page that plays it in any browser, or an animation, and a still picture.
+
+    The page is one file that needs no network. It shows road, traffic with predictions, all sampled trajectories, by
+    their cost or by why they cannot be driven, the chosen one, and charts of speed, risk, weights and cost terms.
+    Space plays and pauses, the arrow keys step, shift and an arrow go by a second.
+    """
 
     name: str | None = None
     """Name of the scenario to show; the first one where it is not given."""
-    format: Literal["gif", "mp4", "png"] = "gif"
-    """Kind of animation; `png` writes the still picture alone."""
+    compare: str | None = None
+    """Drive another planner, too, and lay its episode over the first: `default`, `shipped` (the policy that comes with
+    the project) or a policy's folder."""
+    format: Literal["html", "gif", "mp4", "png"] = "html"
+    """`html` is a page with a player, `gif` and `mp4` are animations; `png` writes the still picture alone."""
     out: Path = Path("runs/view")
     """Folder for the results."""
 
 
 class Film:
-    """Frames of a recording, drawn one at a time."""
+    """Frames of an episode, drawn one at a time; a second planner's drive is laid over the first."""
 
-    def __init__(self, recording: Recording, vehicle: jf.Vehicle) -> None:
+    def __init__(self, recordings: Sequence[Recording], vehicle: jf.Vehicle) -> None:
         """Lay the figure out."""
-        self._recording = recording
+        self._recordings = recordings
+        charts = film_charts(recordings)
         with matplotlib.rc_context({"font.size": 8, "axes.edgecolor": "#8b939c", "axes.linewidth": 0.8}):
             self._figure = Figure(figsize=(10.4, 5.6), dpi=100, layout="constrained", facecolor="white")
             self._canvas = FigureCanvasAgg(self._figure)
-            grid = self._figure.add_gridspec(3, 2, width_ratios=(2.6, 1.0))
-            self._road = RoadView(self._figure.add_subplot(grid[:, 0]), recording, vehicle)
-            self._plots = TimePlots([self._figure.add_subplot(grid[row, 1]) for row in range(3)], recording)
+            grid = self._figure.add_gridspec(len(charts), 2, width_ratios=(2.6, 1.0))
+            self._road = RoadView(self._figure.add_subplot(grid[:, 0]), recordings, vehicle)
+            beside = [self._figure.add_subplot(grid[row, 1]) for row in range(len(charts))]
+            self._plots = TimePlots(beside, charts)
         self._title = self._figure.suptitle(self._headline(0), x=0.01, ha="left", fontsize=10, fontweight="bold")
         self.frame(0)
         self._figure.set_layout_engine("none")
@@ -68,12 +80,17 @@ class Film:
         return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
 
     def _headline(self, step: int) -> str:
-        recording = self._recording
-        if step == len(recording.cycles):
-            state = recording.outcome.name.lower().replace("_", " ")
-        else:
-            state = f"planning: {jf.PlanMode(int(recording.cycles[step].mode)).name.lower()}"
-        return f"{recording.name}    t = {jf.DT * step:4.1f} s    {state}"
+        states = [_state(one, step) for one in self._recordings]
+        if len(self._recordings) > 1:
+            states = [f"{one.planner}: {state}" for one, state in zip(self._recordings, states, strict=True)]
+        return "    ".join([self._recordings[0].name, f"t = {jf.DT * step:4.1f} s", *states])
+
+
+def _state(recording: Recording, step: int) -> str:
+    """What the planner does at a step, or how its episode has ended."""
+    if step >= len(recording.cycles):
+        return recording.outcome.name.lower().replace("_", " ")
+    return f"planning: {jf.PlanMode(int(recording.cycles[step].mode)).name.lower()}"
 
 
 def frame_steps(steps: int) -> list[int]:
@@ -88,41 +105,54 @@ def key_step(recording: Recording) -> int:
     return int(np.argmax(np.where(length >= np.median(length), cost, -np.inf)))
 
 
-def choose(found: scenarios.ScenarioSet, name: str | None) -> int:
-    """Index of the scenario with a name; the first one for None.
-
-    Raises:
-      UserError: there is no such scenario.
-    """
-    names = [info.name for info in found.infos]
-    if name is None:
-        return 0
-    if name not in names:
-        raise UserError(f"--name {name}: no such scenario; there are {', '.join(names[:10])}{' …' * (len(names) > 10)}")
-    return names.index(name)
-
-
 def view(options: ViewOptions) -> None:
-    """Drive the chosen scenario, write its pictures, and print where they are."""
-    planner = chosen_planner(options)
+    """Drive the chosen scenario, write what shows it, and print where that is."""
+    planners = _planners(options)
     found = load_scenarios(options)
     index = choose(found, options.name)
     folder = prepare_folder(options.out)
-    with tqdm(desc="driving", unit=" steps", mininterval=1.0, total=jf.max_steps(found.scenarios[index])) as bar:
-        recording = record(planner, found.infos[index].name, found.scenarios[index], bar.update)
-    film = Film(recording, planner.config.vehicle)
-    still = folder / f"{recording.name}.png"
+    recordings = _record(planners, found.infos[index].name, found.scenarios[index])
+    vehicle = next(iter(planners.values())).config.vehicle
+    film = Film(recordings, vehicle)
+    still = folder / f"{recordings[0].name}.png"
     with written_whole(still) as file:
-        Image.fromarray(film.frame(key_step(recording))).quantize(256, dither=Image.Dither.NONE).save(file, "PNG")
-    print(f"outcome    {recording.outcome.name.lower()} after {jf.DT * len(recording.cycles):.1f} s")
+        Image.fromarray(film.frame(key_step(recordings[0]))).quantize(256, dither=Image.Dither.NONE).save(file, "PNG")
+    for one in recordings:
+        seconds = jf.DT * len(one.cycles)
+        print(f"outcome    {one.outcome.name.lower()} after {seconds:.1f} s, planner {one.planner}")
     print(f"picture    {still}")
-    if options.format != "png":
-        print(f"animation  {_write_animation(film, recording, folder, options.format)}")
+    if options.format == "html":
+        print(f"player     {_write_player(recordings, vehicle, folder)}")
+    elif options.format != "png":
+        print(f"animation  {_write_animation(film, recordings, folder, options.format)}")
 
 
-def _write_animation(film: Film, recording: Recording, folder: Path, kind: Literal["gif", "mp4"]) -> Path:
-    target = folder / f"{recording.name}.{kind}"
-    steps = tqdm(frame_steps(len(recording.cycles)), desc="drawing", unit=" frames", mininterval=1.0)
+def _planners(options: ViewOptions) -> dict[str, Planner]:
+    """What drives, by names: the planner that is shown, and the one that is laid over it."""
+    planner = chosen_planner(options)
+    others = {} if options.compare is None else other_planners(options, [options.compare], planner.config)
+    return {own_name(options): planner} | others
+
+
+def _record(planners: dict[str, Planner], name: str, scenario: jf.Scenario) -> list[Recording]:
+    recordings = []
+    for called, planner in planners.items():
+        with tqdm(desc=f"driving ({called})", unit=" steps", mininterval=1.0, total=jf.max_steps(scenario)) as bar:
+            recordings.append(record(planner, called, name, scenario, bar.update))
+    return recordings
+
+
+def _write_player(recordings: Sequence[Recording], vehicle: jf.Vehicle, folder: Path) -> Path:
+    target = folder / f"{recordings[0].name}.html"
+    with written_whole(target) as file:
+        file.write(player_page(recordings, vehicle).encode())
+    return target
+
+
+def _write_animation(film: Film, recordings: Sequence[Recording], folder: Path, kind: Literal["gif", "mp4"]) -> Path:
+    target = folder / f"{recordings[0].name}.{kind}"
+    frames = frame_steps(max(len(one.cycles) for one in recordings))
+    steps = tqdm(frames, desc="drawing", unit=" frames", mininterval=1.0)
     write = write_gif if kind == "gif" else write_mp4
     with written_whole(target) as file:
         write(file, map(film.frame, steps), SECONDS_PER_FRAME, HOLD)

@@ -1,14 +1,17 @@
 from __future__ import annotations
 
+import os
 import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import pytest
 
 import scenarios
 from experiments import evaluate, view
+from experiments._recording import Recording, record
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -41,12 +44,43 @@ def evaluated_generated(tmp_path_factory) -> Path:
     return out
 
 
+class Viewed(NamedTuple):
+    """What `view` wrote, and the recordings that it made for that."""
+
+    folder: Path
+    recordings: list[Recording]
+
+
 @pytest.fixture(scope="session")
-def viewed(tmp_path_factory) -> Path:
-    """Results of `view` on the first built-in scenario."""
-    out = tmp_path_factory.mktemp("view")
-    view.main(["--scenarios", "builtin", "--out", str(out)])
-    return out
+def viewed(tmp_path_factory) -> Viewed:
+    """Results of `view` on the first built-in scenario: other weights, with the default ones laid over."""
+    out, recordings = tmp_path_factory.mktemp("view"), []
+
+    def kept(*arguments) -> Recording:
+        recordings.append(record(*arguments))
+        return recordings[-1]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(view, "record", kept)
+        view.main(["--scenarios", "builtin", "--weights", "prediction=20", "--compare", "default", "--out", str(out)])
+    return Viewed(out, recordings)
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Any]:
+    """A headless Chromium: what CHROMIUM names, the system's, or Playwright's own; skips where there is none."""
+    playwright = pytest.importorskip("playwright.sync_api")
+    named = os.environ.get("CHROMIUM")
+    program = named or next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    with playwright.sync_playwright() as driver:
+        try:
+            started = driver.chromium.launch(executable_path=program)
+        except playwright.Error as error:
+            if named:
+                raise
+            pytest.skip(f"no Chromium can be started; name one with CHROMIUM=PATH ({error.message.splitlines()[0]})")
+        yield started
+        started.close()
 
 
 @pytest.fixture

@@ -13,7 +13,9 @@ import pytest
 import jaxfrenet as jf
 import scenarios
 from experiments import evaluate
-from experiments._driving import cost_weights, planner_config
+from experiments._driving import chosen_planner, cost_weights, planner_config
+from experiments._player_data import player_data
+from experiments._recording import record
 from experiments._results import episode_row, summarize, summary_table
 from scenarios.families import FAMILIES, Draw
 
@@ -33,6 +35,11 @@ RISKS = {"mean_ego_risk", "max_ego_risk", "mean_third_party_risk", "max_third_pa
 
 def read(folder):
     return json.loads((folder / "results.json").read_text(encoding="utf-8"))
+
+
+def read_csv(folder):
+    with (folder / "episodes.csv").open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
 
 
 def test_results_have_the_promised_fields(evaluated):
@@ -83,9 +90,9 @@ def test_risks_are_unknown_where_nothing_was_driven(evaluated, builtin_file):
 
 def test_csv_equals_json(evaluated):
     episodes = read(evaluated)["episodes"]
-    with (evaluated / "episodes.csv").open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
-    assert rows == [{name: "" if value is None else str(value) for name, value in row.items()} for row in episodes]
+    assert read_csv(evaluated) == [
+        {name: "" if value is None else str(value) for name, value in row.items()} for row in episodes
+    ]
 
 
 def test_results_agree_with_the_closed_loop(evaluated, builtin_file):
@@ -102,6 +109,32 @@ def test_results_agree_with_the_closed_loop(evaluated, builtin_file):
         risk = np.asarray(getattr(episode.reports, f"{side}_risk"))[: row["steps"]]
         assert row[f"mean_{side}_risk"] == pytest.approx(risk.mean(), rel=0.05)
         assert row[f"max_{side}_risk"] == pytest.approx(risk.max(), rel=0.05)
+
+
+def test_the_players_charts_tell_the_same(evaluated, builtin_file):
+    scenario_set = scenarios.load_set([builtin_file])
+    planner, name = chosen_planner(evaluate.EvaluateOptions()), scenario_set.infos[0].name
+    recording = record(planner, "default", name, scenario_set.scenarios[0])
+    shown = player_data([recording], planner.config.vehicle)
+    curves = {
+        (chart["title"], line["label"]): np.array(line["values"])
+        for chart in shown["charts"]
+        for line in chart["lines"]
+    }
+    (row,) = [row for row in read_csv(evaluated) if row["scenario"] == name]
+    assert shown["episodes"][0]["steps"] == int(row["steps"])
+    assert shown["episodes"][0]["outcome"].replace(" ", "_") == row["outcome"]
+    told = {
+        "mean_speed": curves["speed", "driven"].mean(),
+        "final_speed": curves["speed", "driven"][-1],
+        "mean_ego_risk": curves["risk", "ego"].mean(),
+        "max_third_party_risk": curves["risk", "third party"].max(),
+        "max_abs_offset": np.abs(curves["offset from the path", "offset"]).max(),
+        "mean_cost": curves["chosen cost, by terms", "total"].mean(),
+        "mean_feasible_share": curves["feasible", "share"].mean() / 100.0,
+    }
+    for column, value in told.items():
+        assert value == pytest.approx(float(row[column]), rel=1e-3, abs=1e-9 if "risk" in column else 1e-6), column
 
 
 def test_one_solution_file_per_episode(evaluated):
