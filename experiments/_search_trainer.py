@@ -61,7 +61,7 @@ class SlotTrainer:
         self.steps = self._chunks * CHUNK * preset.ppo.environments * preset.ppo.rollout_steps
         self.rounds = -(-preset.total_steps // self.steps)
         self._start = jax.jit(jax.vmap(partial(_start, preset.ppo, problem.environment), (0, 0, None, None)))
-        self.slots, self._program = self._compile(most)
+        self.slots, self._program = fit_into_memory(self._compile, most)
         self._chosen = [(preset.hyperparameters, problem.train.rewards)] * self.slots
         self._state: ppo.TrainingState | None = None
 
@@ -95,26 +95,39 @@ class SlotTrainer:
         problem = self._problem
         return state, *_stacked(chosen), problem.train, problem.validation, problem.counted, last
 
-    def _compile(self, most: int) -> tuple[int, Compiled]:
-        """The program with as many slots as fit into the memory."""
+    def _compile(self, slots: int) -> Compiled:
+        """The program with so many slots."""
         program = training_program(
             self._preset.ppo, self._problem.environment, self._problem.max_steps, together=TOGETHER
         )
-        slots = most
-        while True:
-            chosen = [(self._preset.hyperparameters, self._problem.train.rewards)] * slots
-            state = jax.eval_shape(self._start, *_stacked(chosen), self._problem.train, self._key)
-            compiled = program.lower(*self._arguments(state, chosen, jnp.bool_(True))).compile()
-            needed, free = fresh_bytes(compiled), free_memory()
-            if needed is None or free is None or needed <= SHARE * free:
-                return slots, compiled
-            if slots == 1:
-                raise UserError(
-                    f"a trial needs {needed / 1e6:,.0f} MB, {free / 1e6:,.0f} MB are free; "
-                    "train fewer environments at a time, for example --sizes environments=8"
-                )
-            slots = max(1, min(slots - 1, int(slots * SHARE * free / needed)))
-            print(f"sweep: {slots} trials at a time fit into the memory", file=sys.stderr)
+        chosen = [(self._preset.hyperparameters, self._problem.train.rewards)] * slots
+        state = jax.eval_shape(self._start, *_stacked(chosen), self._problem.train, self._key)
+        return program.lower(*self._arguments(state, chosen, jnp.bool_(True))).compile()
+
+
+def fit_into_memory(compile_for: Callable[[int], Compiled], most: int) -> tuple[int, Compiled]:
+    """A program with as many slots as fit into the memory, and their number.
+
+    Args:
+      compile_for: makes the program with so many slots.
+      most: slots if there is room for all.
+
+    Raises:
+      UserError: there is no room for a single one.
+    """
+    slots = most
+    while True:
+        compiled = compile_for(slots)
+        needed, free = fresh_bytes(compiled), free_memory()
+        if needed is None or free is None or needed <= SHARE * free:
+            return slots, compiled
+        if slots == 1:
+            raise UserError(
+                f"a trial needs {needed / 1e6:,.0f} MB, {free / 1e6:,.0f} MB are free; "
+                "train fewer environments at a time, for example --sizes environments=8"
+            )
+        slots = max(1, min(slots - 1, int(slots * SHARE * free / needed)))
+        print(f"sweep: {slots} trials at a time fit into the memory", file=sys.stderr)
 
 
 def _start(

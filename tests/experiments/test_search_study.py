@@ -19,6 +19,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from search_worker import SPACE, join  # noqa: E402
 
+from experiments._search_results import draw_search, print_best  # noqa: E402
 from experiments._search_slots import Round, Search  # noqa: E402
 from experiments._search_storage import open_study  # noqa: E402
 from experiments._search_study import SharedStudy  # noqa: E402
@@ -240,3 +241,18 @@ def test_settings_are_drawn_by_seed_and_number(tmp_path):
         drawn.append([trial.params["x"] for trial in iter(study.ask, None)])
         study.close()
     assert drawn[0] == drawn[1] and len({x for xs in drawn for x in xs}) == 6
+
+
+def test_pictures_of_what_tells_nothing(study, tmp_path, capsys):
+    """Of scores that are all the same, and before any trial is complete."""
+    for trial in (study.ask(), study.ask()):
+        assert trial is not None
+        study.prune(trial, "not finite")
+    draw_search(tmp_path, study)
+    print_best(tmp_path, study)
+    run(study, Scripted(lambda x, done: 1.0))
+    draw_search(tmp_path, study)
+    said = capsys.readouterr().out
+    assert said.count("importance.png needs two complete trials or more") == 2
+    assert "2 trials, 2 of them pruned" in said and "best.json" not in said
+    assert (tmp_path / "parallel.png").stat().st_size > 1000 and not (tmp_path / "importance.png").exists()
