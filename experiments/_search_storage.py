@@ -139,16 +139,17 @@ def _open_storage(url: str, heartbeat: int, grace: int) -> RDBStorage:
         try:
             return _connect(url, heartbeat, grace)
         except (ArgumentError, ImportError) as error:
-            problem = _line(error)
+            problem = reason(error)
             break
         except (SQLAlchemyError, StorageInternalError) as error:
-            problem = _line(error)
+            problem = reason(error)
             time.sleep(0.2)
     raise UserError(f"--storage {_without_password(url)}: {problem}; write for example sqlite:///runs/sweep/study.db")
 
 
-def _line(error: Exception) -> str:
-    return str(error).splitlines()[0]
+def reason(error: Exception) -> str:
+    """What a database complains of, in one line; Optuna's own errors only say that there is something."""
+    return str(error.__cause__ or error).splitlines()[0]
 
 
 def _connect(url: str, heartbeat: int, grace: int) -> RDBStorage:
@@ -156,7 +157,7 @@ def _connect(url: str, heartbeat: int, grace: int) -> RDBStorage:
     with quiet():
         storage = RDBStorage(
             url,
-            engine_kwargs={"connect_args": {"timeout": LOCKED_SECONDS}} if is_file else None,
+            engine_kwargs={"connect_args": {"timeout": LOCKED_SECONDS}} if is_file else {"pool_pre_ping": True},
             heartbeat_interval=heartbeat,
             grace_period=grace,
             heartbeat_stale_trial_callback=RetryHeartbeatStaleTrialCallback(max_retry=RETRIES),

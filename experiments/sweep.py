@@ -9,13 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import jax
+from optuna.exceptions import StorageInternalError
 from tqdm import tqdm
 
 from experiments._presets import PresetName
 from experiments._search_results import draw_search, print_best, write_trials
 from experiments._search_slots import Search
 from experiments._search_space import Space, read_space
-from experiments._search_storage import Pruning, open_study
+from experiments._search_storage import Pruning, open_study, reason
 from experiments._search_study import SharedStudy
 from experiments._search_trainer import SlotTrainer
 from experiments._training_config import config_document, with_config
@@ -102,6 +103,8 @@ def sweep(options: SweepOptions) -> None:
         file.write(space.text.encode())
     try:
         _search(options, base, space, study, folder)
+    except StorageInternalError as error:
+        raise UserError(f"--storage: {reason(error)}; start the same command again to go on") from None
     finally:
         study.close()
 

@@ -12,10 +12,12 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import pytest
+from optuna.exceptions import StorageInternalError
 
 import ppo
 from experiments import _search_trainer, sweep
 from experiments._presets import PRESETS
+from experiments._search_study import SharedStudy
 from experiments._search_trainer import SlotTrainer, fit_into_memory
 from experiments._training_config import with_config
 from experiments._training_options import TrainOptions, reward_factors, settings
@@ -226,3 +228,18 @@ def test_goes_on_where_it_was_stopped(command, tmp_path, monkeypatch, capsys):
     with pytest.raises(SystemExit):
         command("--trials", "4", "--objective", "speed=-3")
     assert "was begun with --objective [], not ['speed=-3']" in capsys.readouterr().err
+
+
+def test_a_database_that_goes_away_is_told_of(command, monkeypatch, capsys):
+    def fail(self: SharedStudy) -> None:
+        try:
+            raise OSError("server closed the connection")
+        except OSError as error:
+            raise StorageInternalError("An exception is raised during the commit.") from error
+
+    monkeypatch.setattr(SharedStudy, "ask", fail)
+    with pytest.raises(SystemExit) as stopped:
+        command()
+    assert stopped.value.code == 2
+    told = capsys.readouterr().err.strip()
+    assert told == "sweep: --storage: server closed the connection; start the same command again to go on"
