@@ -61,7 +61,9 @@ def draw_importance(path: Path, importances: Mapping[str, float]) -> None:
 
 
 def draw_parallel(path: Path, trials: Sequence[FrozenTrial]) -> None:
-    """Draw a line for each trial through its settings, coloured by its score; pruned ones are grey.
+    """Draw a line for each trial through its settings, coloured by the place of its score; pruned ones are grey.
+
+    Scores themselves would leave one colour for all but a trial that went very wrong.
 
     Args:
       path: of the picture.
@@ -70,15 +72,13 @@ def draw_parallel(path: Path, trials: Sequence[FrozenTrial]) -> None:
     names = _names(trials)
     figure = _figure(max(6.0, 1.5 * (len(names) + 1)), 4.0)
     axes = figure.subplots()
-    scores = [trial.value for trial in trials if trial.state == TrialState.COMPLETE and trial.value is not None]
-    norm = Normalize(min(scores, default=0.0), max(scores, default=1.0))
-    colors = ScalarMappable(norm, COLORS)
-    columns = [_column(name, trials) for name in names]
-    for trial in sorted(trials, key=_rank):
-        complete = trial.state == TrialState.COMPLETE and trial.value is not None
-        heights = [column[trial.number] for column in columns if trial.number in column]
-        color = colors.to_rgba(np.asarray(trial.value)) if complete else PRUNED
-        axes.plot(range(len(heights)), heights, color=color, lw=1.6 if complete else 0.8, alpha=0.9)
+    complete = sorted((trial for trial in trials if trial.state == TrialState.COMPLETE), key=_score)
+    colors = ScalarMappable(Normalize(0, max(len(complete) - 1, 1)), COLORS)
+    for trial in trials:
+        if trial.state != TrialState.COMPLETE:
+            _line(axes, names, trial, PRUNED, 0.8)
+    for place, trial in enumerate(complete):
+        _line(axes, names, trial, colors.to_rgba(np.asarray(place)), 1.6)
     for place, name in enumerate(names):
         _axis(axes, place, next(trial.distributions[name] for trial in trials if name in trial.distributions))
     axes.set_xticks(range(len(names)), [name.replace(".", "\n", 1) for name in names])
@@ -86,20 +86,22 @@ def draw_parallel(path: Path, trials: Sequence[FrozenTrial]) -> None:
     axes.set_yticks([])
     axes.spines[:].set_visible(False)
     axes.set_title("settings of trials, pruned ones grey", loc="left")
-    figure.colorbar(colors, ax=axes, label="score")
+    if complete:
+        ticks = sorted({0, (len(complete) - 1) // 2, len(complete) - 1})
+        bar = figure.colorbar(colors, ax=axes, label="score, coloured by its place among all", ticks=ticks)
+        bar.set_ticklabels([f"{_score(complete[place]):.1f}" for place in ticks])
     _save(figure, path)
 
 
-def _rank(trial: FrozenTrial) -> tuple[bool, float]:
-    """Pruned trials are drawn first, then from the worst to the best."""
-    return trial.state == TrialState.COMPLETE, trial.value if trial.value is not None else -np.inf
+def _score(trial: FrozenTrial) -> float:
+    assert trial.value is not None
+    return trial.value
 
 
-def _column(name: str, trials: Sequence[FrozenTrial]) -> dict[int, float]:
-    """Heights on the axis of a setting, by the trial's number."""
-    return {
-        trial.number: _height(trial.distributions[name], trial.params[name]) for trial in trials if name in trial.params
-    }
+def _line(axes: Axes, names: Sequence[str], trial: FrozenTrial, color: Any, width: float) -> None:
+    places = [place for place, name in enumerate(names) if name in trial.params]
+    heights = [_height(trial.distributions[names[place]], trial.params[names[place]]) for place in places]
+    axes.plot(places, heights, color=color, lw=width, alpha=0.9)
 
 
 def _height(distribution: BaseDistribution, value: Any) -> float:
