@@ -43,6 +43,7 @@ class SharedStudy:
         self.total = total
         self._storage, self._distributions = storage, dict(distributions)
         self._running: dict[int, Trial] = {}
+        self._seen: set[int] = set()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._show_life, daemon=True)
         self._thread.start()
@@ -51,7 +52,9 @@ class SharedStudy:
         """Begin a trial; None if the study has all that it is to have."""
         with quiet():
             optuna.storages.fail_stale_trials(self.study)
-            states = [one.state for one in self.study.get_trials(deepcopy=False)]
+            trials = self.study.get_trials(deepcopy=False)
+            self._show_life_of_others(trials)
+            states = [one.state for one in trials]
             if TrialState.WAITING not in states and sum(state in COUNTED for state in states) >= self.total:
                 return None
             trial = self.study.ask(self._distributions)
@@ -61,6 +64,13 @@ class SharedStudy:
             self._tell(trial, TrialState.FAIL)
             return None
         return trial
+
+    def _show_life_of_others(self, trials: Sequence[FrozenTrial]) -> None:
+        """Give each trial of another process one sign of life: a process that died before the first is never missed."""
+        for one in trials:
+            if one.state == TrialState.RUNNING and one.number not in self._seen | self._running.keys():
+                self._storage.record_heartbeat(one._trial_id)
+                self._seen.add(one.number)
 
     def _is_surplus(self, trial: Trial) -> bool:
         """Whether processes that asked at the same moment have begun one trial too many; the last of them leaves it."""

@@ -22,7 +22,7 @@ from search_worker import SPACE, join  # noqa: E402
 from experiments._search_results import draw_search, print_best  # noqa: E402
 from experiments._search_slots import Round, Search  # noqa: E402
 from experiments._search_storage import open_study  # noqa: E402
-from experiments._search_study import SharedStudy  # noqa: E402
+from experiments._search_study import SharedStudy, quiet  # noqa: E402
 from scenarios.command_line import UserError  # noqa: E402
 
 ROOT = Path(__file__).parents[2]
@@ -110,6 +110,15 @@ def test_the_trials_of_a_process_that_dies_are_begun_again(start, storage, notes
         trial.params["x"]: 1 for trial in trials
     }
     assert len(trials) == 6 and [trial.state for trial in every].count(TrialState.FAIL) == 2
+
+
+def test_a_trial_whose_process_died_before_any_sign_of_life_is_begun_again(study):
+    with quiet():
+        lost = study.study.ask(SPACE).params["x"]
+    trainer = Scripted(lambda x, done: x)
+    run(study, trainer)
+    assert lost in {x for chosen in trainer.placed.values() for x in chosen}
+    assert len(study.finished()) == 6
 
 
 class Scripted:
