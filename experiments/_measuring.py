@@ -75,7 +75,7 @@ def compile_ahead(function: Callable[..., Any], *arguments: Any) -> Program:
     before, start = hits.count, time.perf_counter()
     compiled = jax.jit(function).lower(*arguments).compile()
     program = Program(compiled, arguments, time.perf_counter() - start, hits.count > before)
-    needed, free = _fresh_bytes(compiled), free_memory()
+    needed, free = fresh_bytes(compiled), free_memory()
     if needed is not None and free is not None and needed > free:
         raise DoesNotFit(f"needs {needed / 1e6:,.0f} MB more, {free / 1e6:,.0f} MB are free")
     return program
@@ -117,7 +117,7 @@ def work_of(program: Program) -> Work:
         costs = costs[0] if costs else None
     costs = costs or {}
     memory = program.compiled.memory_analysis()
-    sizes = None if memory is None else _fresh_bytes(program.compiled)
+    sizes = None if memory is None else fresh_bytes(program.compiled)
     total = None if memory is None or sizes is None else float(sizes + memory.argument_size_in_bytes)
     return Work(_positive(costs.get("flops")), _positive(costs.get("bytes accessed")), total)
 
@@ -126,7 +126,7 @@ def _positive(value: float | None) -> float | None:
     return float(value) if value is not None and value > 0 else None
 
 
-def _fresh_bytes(compiled: Compiled) -> int | None:
+def fresh_bytes(compiled: Compiled) -> int | None:
     """Bytes that a call needs beside its arguments."""
     memory = compiled.memory_analysis()
     return None if memory is None else memory.temp_size_in_bytes + memory.output_size_in_bytes

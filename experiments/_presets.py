@@ -48,10 +48,10 @@ PRESETS: dict[PresetName, Preset] = {
     ),
     "cpu": Preset(
         ppo=PPOConfig(
-            environments=32,
+            environments=64,
             rollout_steps=74,
             epochs=5,
-            minibatches=4,
+            minibatches=8,
             observation_floor=FLOOR,
             network=NetworkConfig(lstm_size=128),
         ),
@@ -59,7 +59,7 @@ PRESETS: dict[PresetName, Preset] = {
         total_steps=1_000_000,
         sampling="fast",
         generate=500,
-        validate_every=50,
+        validate_every=20,
     ),
     "gpu": Preset(
         ppo=PPOConfig(

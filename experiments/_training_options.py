@@ -1,31 +1,39 @@
-"""What `train` is told: its options, and the settings that they make of a preset."""
+"""What `train` and `sweep` are told: their options, and the settings that they make of a preset."""
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict, dataclass, fields, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 import tyro
 
+import jaxfrenet as jf
 import ppo
 from experiments._presets import PRESETS, Preset, PresetName
 from jaxfrenet.config import Sampling
-from scenarios.command_line import UserError, spelled
-from scenarios.files import written_whole
+from jaxfrenet.environment import PAPER_ADJUSTMENTS, REWARD_TERMS, EnvironmentConfig, RewardFactors
+from scenarios.command_line import UserError
 
 MINIMA = {"total_steps": 1, "validate_every": 1, "generate": 0, "seeds": 1, "devices": 1, "processes": 1}
 """Lowest values of options."""
-MACHINE = "resume", "out", "devices", "distributed", "coordinator", "processes", "process"
-"""Options that have nothing to do with what is learned."""
+SIZES = "environments", "rollout_steps", "epochs", "minibatches", "lstm_size"
+"""What `--sizes` can change."""
+HYPERPARAMETERS = tuple(field.name for field in fields(ppo.Hyperparameters))  # pyright: ignore[reportArgumentType]
+"""What `--hyperparameters` can change."""
+ADJUSTABLE = tuple(f"{one.term}.{part}" for one in PAPER_ADJUSTMENTS for part in ("scale", "low", "high", "default"))
+"""What `--actions` can change."""
 
 
 @dataclass(frozen=True)
-class TrainOptions:
-    """Train the hybrid planner: policy/ (the best on validation), metrics.jsonl, TensorBoard events, checkpoints/."""
+class LearningOptions:
+    """What is learned, from what, and how."""
 
+    config: Path | None = None
+    """Begin with the options in this file, the config.json of another run or the best.json of a sweep; what else is on
+    the command line overrides them."""
     preset: PresetName = "cpu"
     """Settings of everything else: `quick` takes a few minutes, `cpu` an hour, `gpu` is for one large GPU, `paper` has
     the paper's own numbers."""
@@ -44,24 +52,37 @@ class TrainOptions:
     """Seed of the generated scenarios."""
     validation: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="PATH...")] = ()
     """Files to validate on; if none are named, 15 % of the files, and further generated scenarios."""
-    hard_share: float = 0.5
-    """Share of episodes in scenarios that are hard for the default planner (end badly, or have any risk), of every
-    source of scenarios."""
+    hard_share: float = 0.0
+    """Least share of episodes in scenarios that are hard for the default planner (end badly, or have any risk), of
+    every source of scenarios. Beyond their natural share, the agent is drawn to change for its own sake: scenarios that
+    are picked for one planner's bad luck end better with any other."""
     predictor: Literal["neural", "constant_velocity", "ground_truth"] = "neural"
     """How the planner predicts the traffic."""
     sampling: Sampling | None = None
     """How many trajectories a planning cycle samples, if not as the preset has it: `fast`, `full` or `dense`."""
     rewards: tuple[str, ...] = ()
     """Factors of the reward as NAME=VALUE, in place of the published ones; a wrong name lists all."""
+    hyperparameters: tuple[str, ...] = ()
+    """PPO's hyperparameters as NAME=VALUE, in place of the preset's; a wrong name lists all."""
+    sizes: tuple[str, ...] = ()
+    """PPO's sizes as NAME=NUMBER, in place of the preset's: environments, rollout_steps, epochs, minibatches,
+    lstm_size."""
+    actions: tuple[str, ...] = ()
+    """What an action may change, as TERM.PART=VALUE in place of the paper's numbers, for example
+    velocity_offset.scale=0.05; parts are scale (the change per step), low, high and default."""
+    seed: int = 0
+    """Seed of everything random in training."""
+
+
+@dataclass(frozen=True)
+class TrainOptions(LearningOptions):
+    """Train the hybrid planner: policy/ (the best on validation), metrics.jsonl, TensorBoard events, checkpoints/."""
+
     relative: bool = True
     """Reward what is gained over the default planner in the same scenario: the same optimum, learned with less noise.
     Validation tells plain returns."""
-    hyperparameters: tuple[str, ...] = ()
-    """PPO's hyperparameters as NAME=VALUE, in place of the preset's; a wrong name lists all."""
     seeds: int = 1
     """How many runs to train side by side, which differ in their random numbers."""
-    seed: int = 0
-    """Seed of everything random in training."""
     devices: int | None = None
     """Devices that share the environments; all that there are if not given."""
     distributed: bool = False
@@ -78,7 +99,7 @@ class TrainOptions:
     """Folder for the results."""
 
 
-def settings(options: TrainOptions) -> Preset:
+def settings(options: LearningOptions) -> Preset:
     """The preset with what the command line changes.
 
     Raises:
@@ -86,7 +107,7 @@ def settings(options: TrainOptions) -> Preset:
     """
     preset = PRESETS[options.preset]
     for name, least in MINIMA.items():
-        value = getattr(options, name)
+        value = getattr(options, name, None)
         if value is not None and value < least:
             raise UserError(f"--{name.replace('_', '-')} {value}: give at least {least}")
     if not 0.0 <= options.hard_share < 1.0:
@@ -94,13 +115,14 @@ def settings(options: TrainOptions) -> Preset:
     generate = (0 if options.scenarios else preset.generate) if options.generate is None else options.generate
     if not generate and not options.scenarios:
         raise UserError("--generate 0 leaves nothing to train on; name files with --scenarios")
+    changed = named_numbers("--hyperparameters", options.hyperparameters, HYPERPARAMETERS)
     try:
-        changed = named_numbers("--hyperparameters", options.hyperparameters, preset.hyperparameters)
         hyperparameters = replace(preset.hyperparameters, **changed)
     except ValueError as error:
         raise UserError(f"--hyperparameters: {str(error).removeprefix('Hyperparameters.')}") from None
     return replace(
         preset,
+        ppo=_sized(preset.ppo, options.sizes),
         hyperparameters=hyperparameters,
         total_steps=options.total_steps or preset.total_steps,
         sampling=options.sampling or preset.sampling,
@@ -109,9 +131,42 @@ def settings(options: TrainOptions) -> Preset:
     )
 
 
-def named_numbers(flag: str, words: tuple[str, ...], known: Any) -> dict[str, float]:
-    """Numbers by name from `NAME=VALUE` words; `known` is a dataclass whose fields are the names."""
-    names, found = [field.name for field in fields(known)], {}
+def _sized(config: ppo.PPOConfig, words: Sequence[str]) -> ppo.PPOConfig:
+    found = named_numbers("--sizes", words, SIZES)
+    try:
+        sizes = {name: int(value) if value.is_integer() else value for name, value in found.items()}
+        network = replace(config.network, lstm_size=sizes.pop("lstm_size", config.network.lstm_size))
+        return replace(config, network=network, **sizes)
+    except ValueError as error:
+        raise UserError(f"--sizes: {str(error).partition('.')[2]}") from None
+
+
+def reward_factors(flag: str, words: Sequence[str]) -> RewardFactors:
+    """The published factors of the reward with what `NAME=VALUE` words of an option change."""
+    return RewardFactors(**named_numbers(flag, words, REWARD_TERMS))
+
+
+def environment_config(options: LearningOptions, preset: Preset) -> EnvironmentConfig:
+    """The planner and what an action may change.
+
+    Raises:
+      UserError: a number makes no sense.
+    """
+    found = named_numbers("--actions", options.actions, ADJUSTABLE)
+    parts: dict[str, dict[str, float]] = {one.term: {} for one in PAPER_ADJUSTMENTS}
+    for name, value in found.items():
+        term, _, part = name.partition(".")
+        parts[term][part] = value
+    try:
+        adjustments = tuple(replace(one, **parts[one.term]) for one in PAPER_ADJUSTMENTS)
+    except ValueError as error:
+        raise UserError(f"--actions: {error}") from None
+    return EnvironmentConfig(jf.PlannerConfig.preset(preset.sampling, predictor=options.predictor), adjustments)
+
+
+def named_numbers(flag: str, words: Sequence[str], names: Sequence[str]) -> dict[str, float]:
+    """Numbers by name from the `NAME=VALUE` words of an option."""
+    found: dict[str, float] = {}
     for word in words:
         name, _, value = word.partition("=")
         if name not in names:
@@ -123,32 +178,3 @@ def named_numbers(flag: str, words: tuple[str, ...], known: Any) -> dict[str, fl
         if not np.isfinite(found[name]):
             raise UserError(f"{flag} {word}: {value!r} is not a finite number; write for example {name}=0.1")
     return found
-
-
-def settle_config(folder: Path, options: TrainOptions, preset: Preset) -> None:
-    """Write the options, or make sure that a run that is resumed had the same ones."""
-    plain = {name: value for name, value in asdict(options).items() if name not in (*MACHINE, "total_steps")}
-    document = {"options": json.loads(json.dumps(plain, default=str)), "preset": _preset_as_plain(preset)}
-    file = folder / "config.json"
-    if options.resume and file.is_file():
-        earlier = json.loads(file.read_text())
-        for name, value in document["options"].items():
-            if (had := earlier["options"].get(name)) != value:
-                raise UserError(f"{file}: the run had --{name.replace('_', '-')} {had}; resume with the same options")
-    elif not options.resume and ppo.Checkpoints(folder / "checkpoints").steps():
-        raise UserError(f"{folder}: holds another run; go on with --resume, or name another folder with --out")
-    with written_whole(file) as handle:
-        handle.write(json.dumps(document, indent=1).encode() + b"\n")
-
-
-def _preset_as_plain(preset: Preset) -> dict[str, Any]:
-    return {
-        "ppo": asdict(preset.ppo),
-        "hyperparameters": vars(preset.hyperparameters),
-        **{name: getattr(preset, name) for name in ("total_steps", "sampling", "generate", "validate_every")},
-    }
-
-
-def command_line(options: TrainOptions) -> str:
-    """The command that trains so, wherever it writes and on whatever devices."""
-    return spelled(options, "experiments.train", MACHINE)

@@ -6,8 +6,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
-from functools import cache
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,45 +16,18 @@ import numpy as np
 from jax.sharding import Mesh
 from tqdm import tqdm
 
-import jaxfrenet as jf
 import ppo
 from experiments._learning_curve import draw_learning_curve
 from experiments._planners import describe
 from experiments._presets import Preset
+from experiments._training_config import command_line, settle_config, with_config
 from experiments._training_devices import shared_mesh, start_processes
 from experiments._training_log import TrainingLog, read_metrics
-from experiments._training_options import TrainOptions, command_line, named_numbers, settings, settle_config
-from experiments._training_sets import (
-    Driven,
-    TrainingSets,
-    baseline_of,
-    drive_default,
-    environment_params,
-    one_each,
-    shares,
-    training_sets,
-)
+from experiments._training_options import TrainOptions, environment_config, reward_factors, settings
+from experiments._training_problem import Problem, make_problem, scenario_sets
+from experiments._training_program import CHUNK, Together, training_program
 from jaxfrenet._typing import Array
-from jaxfrenet.environment import DrivingEnvironment, EnvironmentConfig, EnvironmentParams, RewardFactors
 from scenarios.command_line import UserError, prepare_folder, run_command
-
-CHUNK = 5
-"""Updates in one call of the compiled program."""
-
-
-class Problem(NamedTuple):
-    """What is learned."""
-
-    environment: DrivingEnvironment
-    train: EnvironmentParams
-    validation: EnvironmentParams
-    """`[scenarios]` on every leaf, filled up to a number that the devices can share."""
-    counted: Array
-    """`[scenarios]`, 1 for those that count in validation, 0 for the rest."""
-    max_steps: int
-    """Steps after which every episode has ended."""
-    baseline: dict[str, float]
-    """What validation says of the default planner."""
 
 
 class Runs(NamedTuple):
@@ -64,20 +36,23 @@ class Runs(NamedTuple):
     state: ppo.TrainingState
     """With a leading axis of runs, if there are several."""
     advance: Callable[..., tuple[ppo.TrainingState, Any, Any]]
-    """(state, hyperparameters, train, validation, counted, whether to validate) → state, metrics, scores."""
+    """See `training_program`."""
 
 
 def train(options: TrainOptions) -> None:
     """Train, validate, keep the best policy, and print how good it is."""
     preset = settings(options)
-    rewards = RewardFactors(**named_numbers("--rewards", options.rewards, RewardFactors()))
+    rewards = reward_factors("--rewards", options.rewards)
+    environment = environment_config(options, preset)
     folder = prepare_folder(options.out)
     start_processes(options)
     mesh = shared_mesh(options, preset)
     first = jax.process_index() == 0
     if first:
         settle_config(folder, options, preset)
-    problem = _problem(options, preset, rewards, mesh)
+    discount = float(preset.hyperparameters.discount) if options.relative else None
+    sets = scenario_sets(options, preset)
+    problem = make_problem(sets, environment, rewards, options.hard_share, discount, mesh)
     checkpoints = ppo.Checkpoints(folder / "checkpoints")
     runs = _runs(options, preset, problem, mesh)
     restored = checkpoints.restore(runs.state, _report_skipped) if options.resume else None
@@ -90,55 +65,11 @@ def train(options: TrainOptions) -> None:
         _finish(folder, problem, preset, state)
 
 
-def _problem(options: TrainOptions, preset: Preset, rewards: RewardFactors, mesh: Mesh | None) -> Problem:
-    """Scenarios, their predictions, and what the default planner makes of them."""
-    planner = jf.PlannerConfig.preset(preset.sampling, predictor=options.predictor)
-    environment = DrivingEnvironment(EnvironmentConfig(planner))
-    sets = training_sets(options.scenarios, options.validation, options.kinds, preset.generate, options.generator_seed)
-    max_steps = sets.max_steps()
-    train, validation = environment_params(environment, sets, rewards)
-    driven = drive_default(environment, one_each(train), max_steps, "default planner: training set")
-    train = replace(train, chances=jnp.cumsum(shares(driven.hard, sets.groups, options.hard_share)))
-    if options.relative:
-        discount = float(preset.hyperparameters.discount)
-        train = replace(train, baseline=baseline_of(np.asarray(driven.rewards), discount))
-    baseline = _scores(drive_default(environment, validation, max_steps, "default planner: validation set"), None)[1]
-    _print_sets(sets, driven.hard)
-    counted = jnp.ones(len(sets.validation))
-    if mesh is not None:
-        missing = -len(sets.validation) % mesh.size
-        filled = jnp.minimum(jnp.arange(len(sets.validation) + missing), len(sets.validation) - 1)
-        validation = jax.tree.map(lambda leaf: leaf[filled], validation)
-        counted = jnp.append(counted, jnp.zeros(missing))
-        train, validation, counted = ppo.replicate((train, validation, counted), mesh)
-    return Problem(environment, train, validation, counted, max_steps, {k: float(v) for k, v in baseline.items()})
-
-
-def _print_sets(sets: TrainingSets, hard: np.ndarray) -> None:
-    if jax.process_index() == 0:
-        print(
-            f"{len(sets.train)} scenarios to train on, {int(np.sum(hard))} of them hard for the default planner; "
-            f"{len(sets.validation)} to validate on",
-            flush=True,
-        )
-
-
-def _scores(driven: Driven, counted: Array | None) -> tuple[Array, dict[str, Array]]:
-    """The mean return of episodes; means of it, of the sums of its terms, and of all that is told about episodes."""
-
-    def mean(values: Any) -> Array:
-        weights = jnp.ones(len(values)) if counted is None else counted
-        return jnp.sum(jnp.asarray(values, jnp.float32) * weights) / jnp.sum(weights)
-
-    told = {name: mean(value) for name, value in driven.episode.items()}
-    told |= {name: mean(value) for name, value in driven.metrics.items() if name.startswith("reward/")}
-    return mean(driven.returns), {"return": mean(driven.returns), "length": mean(driven.steps)} | told
-
-
 def _runs(options: TrainOptions, preset: Preset, problem: Problem, mesh: Mesh | None) -> Runs:
     """The state before training and the program that goes on from it."""
     config, environment = preset.ppo, problem.environment
-    program = _program(config, environment, problem.max_steps, mesh, options.seeds > 1)
+    together = Together(state=0) if options.seeds > 1 else None
+    program = training_program(config, environment, problem.max_steps, mesh, together)
 
     def start(key: Array) -> ppo.TrainingState:
         return ppo.initial_state(config, environment, preset.hyperparameters, problem.train, key, mesh)
@@ -148,31 +79,6 @@ def _runs(options: TrainOptions, preset: Preset, problem: Problem, mesh: Mesh | 
         return Runs(start(key), program)
     keys = jax.vmap(jax.random.fold_in, (None, 0))(key, jnp.arange(options.seeds))
     return Runs(jax.vmap(start)(keys), program)
-
-
-@cache
-def _program(
-    config: ppo.PPOConfig, environment: DrivingEnvironment, max_steps: int, mesh: Mesh | None, several: bool
-) -> Callable[..., tuple[ppo.TrainingState, Any, Any]]:
-    """`Runs.advance`, for a state with a leading axis of runs if there are `several`."""
-
-    def judge(policy: ppo.Policy, params: EnvironmentParams, counted: Array) -> tuple[Array, dict[str, Array]]:
-        def act(carry: Any, observation: Array, reset: Array) -> tuple[Any, Array]:
-            return ppo.act(policy, carry, observation, reset)
-
-        episodes = counted.shape[0]
-        keys = jax.random.split(jax.random.key(0), episodes)
-        carry = ppo.initial_carry(policy, (episodes,))
-        found = ppo.evaluate(environment, act, params, keys, max_steps, carry, mesh)
-        return _scores(Driven.of(found), counted)
-
-    def advance(state, hyperparameters, train, validation, counted, validate):
-        return ppo.train_chunk(
-            config, environment, state, hyperparameters, train, CHUNK, validate,
-            lambda policy: judge(policy, validation, counted), mesh,
-        )  # fmt: skip
-
-    return jax.jit(jax.vmap(advance, (0, None, None, None, None, None)) if several else advance)
 
 
 def _train(
@@ -198,8 +104,9 @@ def _train(
             validate = (chunk + 1) % every == 0 or chunk + 1 == chunks
             start = time.perf_counter()
             moved, metrics, scores = runs.advance(
-                state, preset.hyperparameters, problem.train, problem.validation, problem.counted, validate
-            )
+                state, preset.hyperparameters, problem.train.rewards, problem.train, problem.validation,
+                problem.counted, validate,
+            )  # fmt: skip
             metrics, scores = jax.device_get((metrics, scores))
             seconds = time.perf_counter() - start
             complaint = ppo.first_nonfinite(metrics)
@@ -308,7 +215,7 @@ def _report_skipped(path: Path, reason: str) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command."""
-    run_command(TrainOptions, train, "experiments.train", arguments)
+    run_command(TrainOptions, train, "experiments.train", arguments, partial(with_config, TrainOptions))
 
 
 if __name__ == "__main__":

@@ -25,7 +25,11 @@ class UserError(Exception):
 
 
 def run_command(
-    options_type: type[Options], body: Callable[[Options], None], module: str, arguments: Sequence[str] | None = None
+    options_type: type[Options],
+    body: Callable[[Options], None],
+    module: str,
+    arguments: Sequence[str] | None = None,
+    expand: Callable[[Sequence[str]], Sequence[str]] = list,
 ) -> None:
     """Parse the options and run a command.
 
@@ -34,13 +38,14 @@ def run_command(
       body: the command.
       module: the command's module, for example `experiments.view`; `--help` shows it, messages its last part.
       arguments: the command line; None takes the process's own.
+      expand: makes the words that are parsed of those on the command line, for example of a file that they name.
 
     Raises:
       SystemExit: with code 2 after one line on stderr where the user can mend the cause, 130 after Ctrl-C.
     """
     name = module.rpartition(".")[2]
     try:
-        options = _parse(options_type, module, arguments)
+        options = _parse(options_type, module, expand(sys.argv[1:] if arguments is None else arguments))
         _keep_compiled_programs()
         body(options)
     except (UserError, ScenarioError) as error:
@@ -57,7 +62,7 @@ def _fail(name: str, message: str) -> NoReturn:
     raise SystemExit(2) from None
 
 
-def _parse(options_type: type[Options], module: str, arguments: Sequence[str] | None) -> Options:
+def _parse(options_type: type[Options], module: str, arguments: Sequence[str]) -> Options:
     try:
         import tyro
     except ImportError:
@@ -127,11 +132,15 @@ def spelled(options: Any, module: str, without: Collection[str] = ()) -> str:
     words: list[str] = []
     for field in fields(options):
         value = getattr(options, field.name)
-        if field.name in without or value == field.default:
-            continue
-        flag = field.name.replace("_", "-")
-        if isinstance(value, bool):
-            words.append(f"--{flag}" if value else f"--no-{flag}")
-        else:
-            words += [f"--{flag}", *(map(str, value) if isinstance(value, tuple) else [str(value)])]
+        if field.name not in without and value != field.default:
+            words += option_words(field.name, value)
     return f"python -m {module} {shlex.join(words)}".strip()
+
+
+def option_words(name: str, value: Any) -> list[str]:
+    """An option as words of a command line."""
+    flag = name.replace("_", "-")
+    if isinstance(value, bool):
+        return [f"--{flag}" if value else f"--no-{flag}"]
+    values = map(str, value) if isinstance(value, tuple | list) else [str(value)]
+    return [f"--{flag}", *values]
