@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-COLLISION_WEIGHTS = 0, 20, 100, 200, 400, 1000
+COLLISION_WEIGHTS = 0.0, 20.0, 100.0, 200.0, 400.0, 1000.0
 """Weights of the collision probability that the default planner is tried with; its own is 200."""
 SCENARIOS = 547
 """Of the comparison of outcomes."""

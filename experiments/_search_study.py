@@ -17,6 +17,8 @@ HEARTBEAT, GRACE = 15, 90
 """Seconds between signs of life of a trial, and without one until it counts as abandoned."""
 CURVE, SECONDS, ENDED = "curve", "seconds", "ended"
 """What is kept about a trial: `[steps, score]` of each validation, how long it took, and why it ended early."""
+GIVEN = "fixed_params"
+"""What Optuna calls the settings of trials that are begun again."""
 FINISHED = TrialState.COMPLETE, TrialState.PRUNED
 COUNTED = (*FINISHED, TrialState.RUNNING, TrialState.WAITING)
 
@@ -75,7 +77,7 @@ class SharedStudy:
     def _is_surplus(self, trial: Trial) -> bool:
         """Whether processes that asked at the same moment have begun one trial too many; the last of them leaves it."""
         counted = self.study.get_trials(deepcopy=False, states=COUNTED)
-        if any(one.number == trial.number and one.system_attrs for one in counted):
+        if any(one.number == trial.number and GIVEN in one.system_attrs for one in counted):
             return False  # it is begun once more, and has been counted
         return sum(one.number < trial.number for one in counted) >= self.total
 

@@ -90,7 +90,7 @@ def _checked_weights(options: ReproduceOptions) -> list[float]:
     for weight in options.collision_weights:
         if not 0.0 <= weight < np.inf:
             raise UserError(f"--collision-weights {weight}: give finite numbers of at least 0")
-    return sorted({DEFAULT_WEIGHT, *options.collision_weights})
+    return sorted({DEFAULT_WEIGHT, *map(float, options.collision_weights)})
 
 
 def _named_default(weight: float) -> str:
