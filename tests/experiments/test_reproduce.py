@@ -159,6 +159,11 @@ def test_what_cannot_be_asked(study, changed, says, capsys):
     assert says in message
 
 
+def test_the_papers_weights_share_a_program():
+    assert {type(weight) for weight in reproduce.ReproduceOptions().collision_weights} == {float}
+    assert reproduce._checked_weights(reproduce.ReproduceOptions(collision_weights=(0, 200))) == [0.0, 200.0]
+
+
 def driven(*ends: tuple[str, float]) -> Driven:
     rows = [{"outcome": outcome, "max_ego_risk": risk} for outcome, risk in ends]
     return Driven(rows, [np.zeros((1, len(COLUMNS)))] * len(rows), 0.0)
