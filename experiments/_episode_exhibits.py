@@ -176,7 +176,7 @@ def weights(one: Shown) -> Exhibit:
     figure = new_figure(7.0, 4.2)
     top, bottom = figure.subplots(2, 1, sharex=True)
     plain(top, one.name, y="weight")
-    plain(bottom, x="time [s]", y="weight of the collision probability")
+    plain(bottom, x="time [s]", y="weight of prediction")
     for name in every:
         axes = bottom if name == "weight_prediction" else top
         axes.plot(_times(one.hybrid), every[name], label=name.removeprefix("weight_").replace("_", " "))
