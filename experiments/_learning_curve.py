@@ -9,9 +9,9 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from experiments._exhibits import new_figure
 from scenarios.files import written_whole
 
 POLICY, DEFAULT = "#2f6db3", "#8a8a8a"
@@ -36,8 +36,7 @@ def learning_curve(lines: Sequence[Mapping[str, Any]]) -> Figure:
       lines: of the run's `metrics.jsonl`.
     """
     matplotlib.rcParams.update({"font.size": 9})
-    figure = Figure(figsize=(10.0, 3.0), dpi=150, layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(10.0, 3.0)
     found = [line for line in lines if line["kind"] == "validation"]
     baseline = next((line for line in lines if line["kind"] == "baseline"), None)
     for axes, (name, title, is_log) in zip(figure.subplots(1, len(PANELS)), PANELS, strict=True):

@@ -56,25 +56,27 @@ class _Timed:
 
     def drive(self, scenario: jf.Scenario) -> list[dict[str, int | float]]:
         parameters, config = self._planner.parameters, self._planner.config
-        unpredicted, scenario = scenario, self._predict(scenario)
+        predicted = self._predict(scenario)
         memory, state = self._begin(parameters, scenario)
         rows = []
         while int(state.outcome) == jf.Outcome.RUNNING:
             observation = memory.situation.observation[None]
             calls: dict[str, Callable[[], Any]] = {
                 "policy": lambda: self._act(parameters, memory.carry, observation, jnp.zeros(1, bool)),  # noqa: B023
-                "bundle": lambda: self._plan(config, scenario, state, jf.CostWeights()),  # noqa: B023
-                "step": lambda: self._step(parameters, memory, state, unpredicted),  # noqa: B023
+                "bundle": lambda: self._plan(config, predicted, state, jf.CostWeights()),  # noqa: B023
+                "step": lambda: self._step(parameters, memory, state, scenario),  # noqa: B023
             }
             if not self._warm:
                 jax.block_until_ready([call() for call in calls.values()])
                 self._warm = True
-            rows.append({"at_step": len(rows)} | {part: _milliseconds(call) for part, call in calls.items()})
-            memory, _, state, _ = self._step(parameters, memory, state, scenario)
+            timed = {part: _timed(call) for part, call in calls.items()}
+            rows.append({"at_step": len(rows)} | {part: milliseconds for part, (milliseconds, _) in timed.items()})
+            memory, _, state, _ = timed["step"][1]
         return rows
 
 
-def _milliseconds(call: Callable[[], Any]) -> float:
+def _timed(call: Callable[[], Any]) -> tuple[float, Any]:
+    """How long a call took [ms], and its result."""
     start = time.perf_counter()
-    jax.block_until_ready(call())
-    return float(f"{1e3 * (time.perf_counter() - start):.4g}")
+    result = jax.block_until_ready(call())
+    return float(f"{1e3 * (time.perf_counter() - start):.4g}"), result

@@ -44,7 +44,7 @@ class Driven(NamedTuple):
 
     def column(self, name: str) -> np.ndarray:
         """A column of all tracks, end to end."""
-        return np.concatenate(self.tracks)[:, COLUMNS.index(name)]
+        return column(np.concatenate(self.tracks), name)
 
 
 def column(track: np.ndarray, name: str) -> np.ndarray:
