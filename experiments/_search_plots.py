@@ -10,7 +10,6 @@ import matplotlib
 import numpy as np
 import optuna
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
@@ -19,6 +18,7 @@ from optuna.distributions import BaseDistribution, FloatDistribution
 from optuna.importance import PedAnovaImportanceEvaluator
 from optuna.trial import FrozenTrial, TrialState
 
+from experiments._exhibits import new_figure
 from experiments._search_study import quiet
 from scenarios.files import written_whole
 
@@ -133,9 +133,7 @@ def _axis(axes: Axes, place: int, distribution: BaseDistribution) -> None:
 
 def _figure(width: float, height: float) -> Figure:
     matplotlib.rcParams.update({"font.size": 9})
-    figure = Figure(figsize=(width, height), dpi=150, layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
+    return new_figure(width, height)
 
 
 def _save(figure: Figure, path: Path) -> None:

@@ -73,7 +73,7 @@ def reproduce(options: ReproduceOptions) -> None:
     study = Study(folder, make_batches(found.scenarios, options.batch), names, found)
     driven = _drive(study, config, weights, hybrid)
     times = _run_times(folder, hybrid, names, found.scenarios)
-    default = driven[_named_default(DEFAULT_WEIGHT)]
+    default = driven[_named_default()]
     place = telling_scenario(default, driven["hybrid"]) if place is None else place
     exhibits = _exhibits(options, driven, times, config, found.scenarios[place], place)
     for exhibit in exhibits:
@@ -93,7 +93,7 @@ def _checked_weights(options: ReproduceOptions) -> list[float]:
     return sorted({DEFAULT_WEIGHT, *map(float, options.collision_weights)})
 
 
-def _named_default(weight: float) -> str:
+def _named_default(weight: float = DEFAULT_WEIGHT) -> str:
     return f"default_{weight:g}"
 
 
@@ -146,7 +146,7 @@ def _exhibits(
     place: int,
 ) -> list[Exhibit]:
     """The paper's figures and tables, in the order of the report."""
-    default, hybrid = driven[_named_default(DEFAULT_WEIGHT)], driven["hybrid"]
+    default, hybrid = driven[_named_default()], driven["hybrid"]
     one = _episode_exhibits.shown(place, default, hybrid)
     exhibits = [
         _study_exhibits.outcomes(driven),
@@ -172,7 +172,7 @@ def _write_data(folder: Path, driven: Mapping[str, Driven], names: Sequence[str]
     """Write all episodes, and all steps of the two planners that are compared step by step."""
     rows = [{"configuration": name} | row for name, one in driven.items() for row in one.rows]
     write_csv(folder / "episodes.csv", rows)
-    compared = {"default": driven[_named_default(DEFAULT_WEIGHT)], "hybrid": driven["hybrid"]}
+    compared = {"default": driven[_named_default()], "hybrid": driven["hybrid"]}
     kept = [name for name in COLUMNS if not name.startswith("weight_")]
     steps = [
         {"planner": planner, "scenario": name, "step": step} | dict(zip(kept, values, strict=True))
