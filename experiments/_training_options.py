@@ -47,15 +47,14 @@ class LearningOptions:
     generate: int | None = None
     """How many scenarios to generate of every kind, if not as many as the preset has."""
     kinds: tuple[str, ...] = ("tjunction:commonroad", "tjunction:hard")
-    """Kinds to generate, each FAMILY or FAMILY:PRESET."""
+    """Kinds to generate, each FAMILY or FAMILY:PRESET; append =NUMBER for another number than --generate."""
     generator_seed: int = 0
     """Seed of the generated scenarios."""
     validation: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="PATH...")] = ()
     """Files to validate on; if none are named, 15 % of the files, and further generated scenarios."""
-    hard_share: float = 0.0
-    """Least share of episodes in scenarios that are hard for the default planner (end badly, or have any risk), of
-    every source of scenarios. Beyond their natural share, the agent is drawn to change for its own sake: scenarios that
-    are picked for one planner's bad luck end better with any other."""
+    conflicts: bool = False
+    """Leave out scenarios, before training and validation, in which the traffic is never in the way: where even a
+    planner that disregards it comes near nobody. There is little to learn in them, and they are most."""
     predictor: Literal["neural", "constant_velocity", "ground_truth"] = "neural"
     """How the planner predicts the traffic."""
     sampling: Sampling | None = None
@@ -110,8 +109,6 @@ def settings(options: LearningOptions) -> Preset:
         value = getattr(options, name, None)
         if value is not None and value < least:
             raise UserError(f"--{name.replace('_', '-')} {value}: give at least {least}")
-    if not 0.0 <= options.hard_share < 1.0:
-        raise UserError(f"--hard-share {options.hard_share}: give a number from 0 to below 1")
     generate = (0 if options.scenarios else preset.generate) if options.generate is None else options.generate
     if not generate and not options.scenarios:
         raise UserError("--generate 0 leaves nothing to train on; name files with --scenarios")

@@ -11,8 +11,9 @@ import numpy as np
 from jax.sharding import Mesh
 
 import ppo
+from experiments._conflicts import only_conflicts
 from experiments._presets import Preset
-from experiments._training_options import LearningOptions
+from experiments._training_options import LearningOptions, environment_config
 from experiments._training_sets import (
     Driven,
     TrainingSets,
@@ -43,15 +44,20 @@ class Problem(NamedTuple):
 
 
 def scenario_sets(options: LearningOptions, preset: Preset) -> TrainingSets:
-    """Read and generate the scenarios that the options ask for."""
-    return training_sets(options.scenarios, options.validation, options.kinds, preset.generate, options.generator_seed)
+    """Read and generate the scenarios that the options ask for.
+
+    Raises:
+      UserError: nothing is left to train or to validate on.
+      ScenarioError: a source holds nothing that can be driven.
+    """
+    sets = training_sets(options.scenarios, options.validation, options.kinds, preset.generate, options.generator_seed)
+    return only_conflicts(environment_config(options, preset), sets) if options.conflicts else sets
 
 
 def make_problem(
     sets: TrainingSets,
     config: EnvironmentConfig,
     rewards: RewardFactors,
-    hard_share: float,
     discount: float | None = None,
     mesh: Mesh | None = None,
 ) -> Problem:
@@ -61,14 +67,13 @@ def make_problem(
       sets: scenarios to train and to validate on.
       config: static settings.
       rewards: factors of the reward, in training and in validation.
-      hard_share: share of episodes in scenarios that are hard for the default planner.
       discount: γ, if training rewards are to be relative to the default planner's.
       mesh: devices that share the environments.
     """
     environment, max_steps = DrivingEnvironment(config), sets.max_steps()
     train, validation = environment_params(environment, sets, rewards)
     learnt = drive_default(environment, one_each(train), max_steps, "default planner: training set")
-    train = replace(train, chances=jnp.cumsum(shares(learnt.hard, sets.groups, hard_share)))
+    train = replace(train, chances=jnp.cumsum(shares(sets.groups)))
     if discount is not None:
         train = replace(train, baseline=baseline_of(np.asarray(learnt.rewards), discount))
     driven = drive_default(environment, validation, max_steps, "default planner: validation set")

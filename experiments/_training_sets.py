@@ -21,7 +21,7 @@ from jaxfrenet.environment import Baseline, DrivingEnvironment, EnvironmentParam
 from scenarios import Dataset
 from scenarios.batching import rounded_up
 from scenarios.command_line import UserError
-from scenarios.families import LARGEST_SEED
+from scenarios.families import LARGEST_SEED, Draw
 
 VALIDATION = 0.15
 """Generated scenarios to validate on, relative to those to train on."""
@@ -84,8 +84,8 @@ def training_sets(
     Args:
       files: CommonRoad files, folders, archives or `.npz` sets to train on.
       validation: the same to validate on, if there are any.
-      kinds: kinds of scenarios to generate, `FAMILY` or `FAMILY:PRESET`.
-      count: how many to generate of each; 0 for none.
+      kinds: kinds of scenarios to generate, `FAMILY` or `FAMILY:PRESET`, perhaps followed by `=NUMBER`.
+      count: how many to generate of each kind without a number; 0 for none at all.
       seed: of the generator.
 
     Raises:
@@ -96,23 +96,40 @@ def training_sets(
     if files:
         parts = Dataset.from_set(load_files(tuple(files))).split()
         rest = (parts.test, parts.validation) if validation else (parts.test,)
-        train, held_out = [_joined([parts.train, *rest])], [parts.validation]
+        train, held_out = [joined([parts.train, *rest])], [parts.validation]
     if count:
-        named = named_draws(kinds, count, seed)
-        others = named_draws(kinds, max(1, round(VALIDATION * count)), (seed + 1) % LARGEST_SEED)
-        for name in tqdm(named, "generating", unit=" kinds", delay=5.0):
-            train.append(Dataset.from_generator(named[name]))
-            held_out.append(Dataset.from_generator(others[name]))
+        named = _draws(kinds, count, seed)
+        for draw in tqdm(named, "generating", unit=" kinds", delay=5.0):
+            other = draw._replace(count=max(1, round(VALIDATION * draw.count)), seed=(draw.seed + 1) % LARGEST_SEED)
+            train.append(Dataset.from_generator(draw))
+            held_out.append(Dataset.from_generator(other))
     if validation:
         held_out = [Dataset.from_set(load_files(tuple(validation)))]
-    sets = TrainingSets(_joined(train), _joined(held_out), tuple(len(group) for group in train))
+    sets = TrainingSets(joined(train), joined(held_out), tuple(len(group) for group in train))
     for name, part in zip(("training", "validation"), sets.parts(), strict=True):
         if not len(part):
             raise UserError(f"no scenario is left for {name}; give more with --generate, or files")
     return sets
 
 
-def _joined(parts: Sequence[Dataset]) -> Dataset:
+def _draws(kinds: tuple[str, ...], count: int, seed: int) -> list[Draw]:
+    """What to generate for words as `training_sets` takes them.
+
+    Raises:
+      UserError: what should be a number is none.
+      ScenarioError: there is no such kind, or a number is out of range.
+    """
+    found: dict[str, Draw] = {}
+    for word in kinds:
+        kind, _, number = word.partition("=")
+        if number and not (number.isdecimal() and int(number)):
+            raise UserError(f"--kinds {word}: {number!r} is no number of scenarios; write for example {kind}=100")
+        found |= named_draws((kind,), int(number) if number else count, seed)
+    return list((found or named_draws((), count, seed)).values())
+
+
+def joined(parts: Sequence[Dataset]) -> Dataset:
+    """All scenarios of several sets."""
     every = [one for part in parts for one in part.scenarios], [one for part in parts for one in part.infos]
     return Dataset(tuple(every[0]), tuple(every[1]))
 
@@ -154,7 +171,7 @@ def drive_default(
       description: what the progress bar says.
     """
     count = jax.tree.leaves(params)[0].shape[0]
-    run = _zero_driver(environment, max_steps)
+    run = zero_driver(environment, max_steps)
     parts = []
     with tqdm(total=count, desc=description, unit=" scenarios", delay=5.0) as bar:
         for first in range(0, count, TOGETHER):
@@ -167,7 +184,9 @@ def drive_default(
 
 
 @cache
-def _zero_driver(environment: DrivingEnvironment, max_steps: int) -> Callable[[EnvironmentParams], Driven]:
+def zero_driver(environment: DrivingEnvironment, max_steps: int) -> Callable[[EnvironmentParams], Driven]:
+    """Drives with the zero action and records every reward; compiled, for parameters as `drive_default` has them."""
+
     def act(carry: None, observation: Array, reset: Array) -> tuple[None, Array]:
         return None, jnp.zeros((observation.shape[0], environment.action_size))
 
@@ -192,23 +211,6 @@ def baseline_of(rewards: np.ndarray, discount: float) -> Baseline:
     return Baseline(jnp.asarray(to_go, jnp.float32), jnp.float32(discount))
 
 
-def shares(hard: np.ndarray, groups: Sequence[int], hard_share: float) -> Array:
-    """`[scenarios]`, how often each is drawn: every group alike, and within it the hard ones at least `hard_share`.
-
-    Args:
-      hard: `[scenarios]` bool, group after group.
-      groups: sizes of the groups.
-      hard_share: share of a group's draws.
-    """
-    return jnp.asarray(np.concatenate([_within(part, hard_share) for part in _cut(hard, groups)]), jnp.float32)
-
-
-def _cut(values: np.ndarray, sizes: Sequence[int]) -> list[np.ndarray]:
-    return [part for part in np.split(values, np.cumsum(sizes)[:-1]) if len(part)]
-
-
-def _within(hard: np.ndarray, hard_share: float) -> np.ndarray:
-    """Shares in one group; their sum is 1."""
-    count, total = int(np.sum(hard)), len(hard)
-    share = max(hard_share, count / total) if 0 < count < total else count / total
-    return np.where(hard, share / max(count, 1), (1.0 - share) / max(total - count, 1))
+def shares(groups: Sequence[int]) -> Array:
+    """`[scenarios]`, how often each is drawn: every group, of a size each, alike; within it every scenario alike."""
+    return jnp.asarray(np.concatenate([np.full(size, 1.0 / max(size, 1)) for size in groups]), jnp.float32)

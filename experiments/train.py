@@ -52,7 +52,7 @@ def train(options: TrainOptions) -> None:
         settle_config(folder, options, preset)
     discount = float(preset.hyperparameters.discount) if options.relative else None
     sets = scenario_sets(options, preset)
-    problem = make_problem(sets, environment, rewards, options.hard_share, discount, mesh)
+    problem = make_problem(sets, environment, rewards, discount, mesh)
     checkpoints = ppo.Checkpoints(folder / "checkpoints")
     runs = _runs(options, preset, problem, mesh)
     restored = checkpoints.restore(runs.state, _report_skipped) if options.resume else None

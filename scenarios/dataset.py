@@ -78,9 +78,10 @@ class Dataset(ScenarioSet):
         for index, info in enumerate(self.infos):
             place = _place(seed, info.benchmark_id)
             parts[sum(place >= bound for bound in bounds)].append(index)
-        return Splits(*(self._part(indices) for indices in parts))
+        return Splits(*(self.part(indices) for indices in parts))
 
-    def _part(self, indices: Sequence[int]) -> Dataset:
+    def part(self, indices: Sequence[int]) -> Dataset:
+        """The scenarios at some places, in that order."""
         return Dataset(tuple(self.scenarios[index] for index in indices), tuple(self.infos[index] for index in indices))
 
     def stacked(self, pad: Mapping[str, int] | None = None) -> jf.Scenario:

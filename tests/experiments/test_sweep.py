@@ -164,7 +164,7 @@ def command(tmp_path, monkeypatch):
     """Runs the command with the task in place of driving."""
     (tmp_path / "space.toml").write_text(SPACE)
     monkeypatch.setattr(sweep, "scenario_sets", lambda options, preset: ())
-    monkeypatch.setattr(sweep, "make_problem", lambda sets, config, rewards, hard_share: centering(rewards))
+    monkeypatch.setattr(sweep, "make_problem", lambda sets, config, rewards: centering(rewards))
 
     def run(*more: str) -> Path:
         out = tmp_path / "out"

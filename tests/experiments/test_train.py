@@ -145,7 +145,6 @@ def test_what_is_not_finite_stops_the_run(tmp_path, capsys):
         (["--rewards", "colision=1"], "there is no 'colision'; there are goal_reached_in_time, "),
         (["--rewards", "collision=much"], "'much' is not a finite number"),
         (["--hyperparameters", "discount=1.5"], "discount 1.5: give a number between 0 and 1"),
-        (["--hard-share", "1"], "--hard-share 1.0: give a number from 0 to below 1"),
         (["--generate", "0"], "leaves nothing to train on"),
         (["--total-steps", "0"], "--total-steps 0: give at least 1"),
         (["--devices", "100"], "--devices 100: there are"),
