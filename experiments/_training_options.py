@@ -14,7 +14,13 @@ import jaxfrenet as jf
 import ppo
 from experiments._presets import PRESETS, Preset, PresetName
 from jaxfrenet.config import Sampling
-from jaxfrenet.environment import PAPER_ADJUSTMENTS, REWARD_TERMS, EnvironmentConfig, RewardFactors
+from jaxfrenet.environment import (
+    PAPER_ADJUSTMENTS,
+    REWARD_TERMS,
+    SAMPLING_ADJUSTMENTS,
+    EnvironmentConfig,
+    RewardFactors,
+)
 from scenarios.command_line import UserError
 
 MINIMA = {"total_steps": 1, "validate_every": 1, "generate": 0, "seeds": 1, "devices": 1, "processes": 1}
@@ -23,7 +29,8 @@ SIZES = "environments", "rollout_steps", "epochs", "minibatches", "lstm_size"
 """What `--sizes` can change."""
 HYPERPARAMETERS = tuple(field.name for field in fields(ppo.Hyperparameters))  # pyright: ignore[reportArgumentType]
 """What `--hyperparameters` can change."""
-ADJUSTABLE = tuple(f"{one.term}.{part}" for one in PAPER_ADJUSTMENTS for part in ("scale", "low", "high", "default"))
+ACTION_SPACES = {"paper": PAPER_ADJUSTMENTS, "sampling": SAMPLING_ADJUSTMENTS}
+ADJUSTABLE = tuple(f"{one.term}.{part}" for one in SAMPLING_ADJUSTMENTS for part in ("scale", "low", "high", "default"))
 """What `--actions` can change."""
 
 
@@ -66,6 +73,9 @@ class LearningOptions:
     sizes: tuple[str, ...] = ()
     """PPO's sizes as NAME=NUMBER, in place of the preset's: environments, rollout_steps, epochs, minibatches,
     lstm_size."""
+    action_space: Literal["paper", "sampling"] = "paper"
+    """What an action changes: `paper`, five cost weights; `sampling`, also how far the sampled end speeds and offsets
+    reach, as the paper's outlook proposes."""
     actions: tuple[str, ...] = ()
     """What an action may change, as TERM.PART=VALUE in place of the paper's numbers, for example
     velocity_offset.scale=0.05; parts are scale (the change per step), low, high and default."""
@@ -149,13 +159,16 @@ def environment_config(options: LearningOptions, preset: Preset) -> EnvironmentC
     Raises:
       UserError: a number makes no sense.
     """
+    table = ACTION_SPACES[options.action_space]
     found = named_numbers("--actions", options.actions, ADJUSTABLE)
-    parts: dict[str, dict[str, float]] = {one.term: {} for one in PAPER_ADJUSTMENTS}
+    parts: dict[str, dict[str, float]] = {one.term: {} for one in table}
     for name, value in found.items():
         term, _, part = name.partition(".")
+        if term not in parts:
+            raise UserError(f"--actions {name}: not in this action space; add --action-space sampling")
         parts[term][part] = value
     try:
-        adjustments = tuple(replace(one, **parts[one.term]) for one in PAPER_ADJUSTMENTS)
+        adjustments = tuple(replace(one, **parts[one.term]) for one in table)
     except ValueError as error:
         raise UserError(f"--actions: {error}") from None
     return EnvironmentConfig(jf.PlannerConfig.preset(preset.sampling, predictor=options.predictor), adjustments)

@@ -16,6 +16,7 @@ from jaxfrenet.planner import PlanMode, PlanningCycle, plan
 from jaxfrenet.prediction import Prediction, predict, with_predictions
 from jaxfrenet.reference_path import ReferencePath
 from jaxfrenet.risk import Risk, assess, assess_bundle
+from jaxfrenet.sampling import SAMPLING_TERMS, SamplingRange
 from jaxfrenet.scenario import (
     Goal,
     InitialState,
@@ -37,6 +38,7 @@ __all__ = [
     "COST_TERMS",
     "DT",
     "FORD_ESCORT",
+    "SAMPLING_TERMS",
     "VW_VANAGON",
     "Bundle",
     "CostInputs",
@@ -59,6 +61,7 @@ __all__ = [
     "ReferencePath",
     "Risk",
     "Road",
+    "SamplingRange",
     "Scenario",
     "SimulationState",
     "StepReport",

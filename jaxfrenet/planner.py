@@ -23,7 +23,7 @@ from jaxfrenet.feasibility import Feasibility
 from jaxfrenet.goal import desired_speed
 from jaxfrenet.prediction import Prediction, predict
 from jaxfrenet.risk import Risk
-from jaxfrenet.sampling import sample_end_states
+from jaxfrenet.sampling import SamplingRange, sample_end_states
 from jaxfrenet.scenario import Scenario
 from jaxfrenet.state import Outcome, SimulationState
 from jaxfrenet.trajectories import Bundle, EgoState, Rows, lay_out, multiply_out, pick
@@ -77,7 +77,13 @@ class PlanningCycle:
         return multiply_out(jax.tree.map(jnp.asarray, self.rows)).flat()
 
 
-def plan(config: PlannerConfig, scenario: Scenario, state: SimulationState, weights: CostWeights) -> PlanningCycle:
+def plan(
+    config: PlannerConfig,
+    scenario: Scenario,
+    state: SimulationState,
+    weights: CostWeights,
+    reach: SamplingRange | None = None,
+) -> PlanningCycle:
     """Run one planning cycle from `state`.
 
     Args:
@@ -85,13 +91,14 @@ def plan(config: PlannerConfig, scenario: Scenario, state: SimulationState, weig
       scenario: one scenario, without a batch axis (`jax.vmap` adds one).
       state: where the ego is and which step it is.
       weights: weights of the cost terms; which are `None` is static.
+      reach: how far the sampled end states reach; as the config has it if not given.
     """
     ego = state.ego
     center, center_arc_length = state.center(config.vehicle), ego.arc_length + config.vehicle.rear_axle_to_center
     target = desired_speed(scenario.goal, state.step, center, center_arc_length, ego.speed)
     prediction = predict(config, scenario, state.step, ego.x, ego.y)
-    weights = jax.tree.map(jnp.asarray, weights)
-    return _choose_in_parts(config)(_without_records(scenario), state, weights, prediction, target)
+    weights, reach = jax.tree.map(jnp.asarray, (weights, reach))
+    return _choose_in_parts(config)(_without_records(scenario), state, weights, reach, prediction, target)
 
 
 @functools.cache
@@ -116,12 +123,13 @@ def _choose(
     scenario: Scenario,
     state: SimulationState,
     weights: CostWeights,
+    reach: SamplingRange | None,
     prediction: Prediction,
     target: Array,
 ) -> PlanningCycle:
     """Sample, check, cost, collision check, choose, assess."""
     ego = state.ego
-    end_states = sample_end_states(config, ego.speed, ego.arc_length_rate, ego.offset)
+    end_states = sample_end_states(config, ego.speed, ego.arc_length_rate, ego.offset, reach)
     rows = lay_out(config, scenario.path, ego, end_states)
     bundle = multiply_out(rows)
     checked = feasibility.check(config, bundle)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax.numpy as jnp
 
 from jaxfrenet._pytree import pytree_dataclass
@@ -19,11 +21,31 @@ class EndStates:
     """`[end_offsets]`, m; the last is the current one."""
 
 
+@pytree_dataclass
+class SamplingRange:
+    """How far the sampled end states reach, as shares of the ranges in the config; all are traced.
+
+    Their number stays the same, so a smaller range is a denser one. The paper names these parameters as the next ones
+    for an agent to adapt (section "Conclusion and Outlook").
+    """
+
+    acceleration_range: Array | float = 1.0
+    """`[]`, from the current speed up to the highest end speed; 0 never accelerates, 2 is twice the range."""
+    braking_range: Array | float = 1.0
+    """`[]`, from the current speed down to the lowest end speed; 0 never brakes."""
+    lateral_range: Array | float = 1.0
+    """`[]`, of the offsets to both sides."""
+
+
+SAMPLING_TERMS = tuple(field.name for field in dataclasses.fields(SamplingRange))
+
+
 def sample_end_states(
     config: PlannerConfig,
     speed: Float[Array, ""],
     arc_length_rate: Float[Array, ""],
     offset: Float[Array, ""],
+    reach: SamplingRange | None = None,
 ) -> EndStates:
     """End speeds that braking and accelerating can reach within the horizon, and end offsets across the lanes.
 
@@ -32,12 +54,18 @@ def sample_end_states(
       speed: the ego's speed [m/s].
       arc_length_rate: its speed along the reference path [m/s].
       offset: its offset [m].
+      reach: shares of the ranges; all of them if not given.
     """
     vehicle, horizon = config.vehicle, DT * config.horizon_steps
     lowest = jnp.maximum(config.lowest_end_speed, speed - vehicle.max_acceleration * horizon)
     fastest = min(config.highest_end_speed, vehicle.max_speed)
     highest = jnp.minimum(speed + vehicle.max_acceleration / 6 * horizon, fastest)
+    sides = config.lateral_range
+    if reach is not None:
+        lowest = lowest + (1.0 - reach.braking_range) * (speed - lowest)
+        highest = jnp.minimum(highest + (reach.acceleration_range - 1.0) * (highest - speed), fastest)
+        sides = sides * reach.lateral_range
     share = jnp.linspace(0.0, 1.0, config.samples_per_axis)
     speeds = jnp.append(lowest + share * (highest - lowest), arc_length_rate)
-    offsets = jnp.append(config.lateral_range * (2 * share - 1), offset)
+    offsets = jnp.append(sides * (2 * share - 1), offset)
     return EndStates(speeds, offsets)

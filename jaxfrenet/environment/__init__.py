@@ -8,7 +8,7 @@ observation, state, reward, terminated, truncated, info = environment.step(key, 
 ```
 """
 
-from jaxfrenet.environment.action import PAPER_ADJUSTMENTS, Adjustment
+from jaxfrenet.environment.action import PAPER_ADJUSTMENTS, SAMPLING_ADJUSTMENTS, Adjustment
 from jaxfrenet.environment.config import EnvironmentConfig
 from jaxfrenet.environment.driving import Baseline, DrivingEnvironment, EnvironmentParams, EnvironmentState, make_params
 from jaxfrenet.environment.dynamics import Situation, begin, proceed, roll_out_policy
@@ -18,6 +18,7 @@ from jaxfrenet.environment.reward import REWARD_TERMS, RewardFactors
 __all__ = [
     "PAPER_ADJUSTMENTS",
     "REWARD_TERMS",
+    "SAMPLING_ADJUSTMENTS",
     "Adjustment",
     "Baseline",
     "DrivingEnvironment",

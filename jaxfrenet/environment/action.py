@@ -1,4 +1,7 @@
-"""What an agent may change: a table of adjustments, and how an action becomes cost weights (paper, "Action Space")."""
+"""What an agent may change: a table of adjustments, and what an action makes of them (paper, "Action Space").
+
+Most adjust the weight of a cost term, as in the paper; some, as in its outlook, how far the sampling reaches.
+"""
 
 from __future__ import annotations
 
@@ -11,14 +14,15 @@ import numpy as np
 
 from jaxfrenet._typing import Array, Float
 from jaxfrenet.costs import COST_TERMS, CostTerm, CostWeights, ExtraTerm
+from jaxfrenet.sampling import SAMPLING_TERMS, SamplingRange
 
 
 @dataclass(frozen=True)
 class Adjustment:
-    """One number of the action: by how much one cost weight changes in a step."""
+    """One number of the action: by how much one cost weight, or one range of the sampling, changes in a step."""
 
     term: str
-    """The cost term whose weight it is."""
+    """The cost term whose weight it is, or the range in `SAMPLING_TERMS`."""
     scale: float
     """Change of the weight for an action of 1."""
     low: float
@@ -26,7 +30,7 @@ class Adjustment:
     high: float
     """Highest weight."""
     default: float
-    """Weight at the start of an episode, which the default planner keeps."""
+    """Weight at the start of an episode, which the default planner keeps; for a range it is 1."""
     cost: CostTerm | None = None
     """What computes the term where it is not one of `COST_TERMS`; `term` then only names it."""
 
@@ -37,11 +41,10 @@ class Adjustment:
           ValueError: there is no such cost term, or the planner has another one of that name, or the numbers make no
             range around the default.
         """
-        if self.cost is None and self.term not in COST_TERMS:
-            raise ValueError(
-                f"adjustment of {self.term!r}: there is no such cost term; there are {', '.join(COST_TERMS)}"
-            )
-        if self.cost is not None and self.term in COST_TERMS:
+        known = (*COST_TERMS, *SAMPLING_TERMS)
+        if self.cost is None and self.term not in known:
+            raise ValueError(f"adjustment of {self.term!r}: there is no such cost term; there are {', '.join(known)}")
+        if self.cost is not None and self.term in known:
             raise ValueError(f"adjustment of {self.term!r}: the planner has a term of that name; choose another name")
         ordered = 0.0 <= self.low <= self.default <= self.high < math.inf and self.low < self.high
         if not (ordered and 0.0 < self.scale < math.inf):
@@ -58,6 +61,13 @@ PAPER_ADJUSTMENTS = (
     Adjustment("velocity_offset", scale=0.1, low=0.001, high=2.0, default=1.0),
 )
 """The paper's action space; any other cost term can be added."""
+SAMPLING_ADJUSTMENTS = (
+    *PAPER_ADJUSTMENTS,
+    Adjustment("acceleration_range", scale=0.2, low=0.0, high=2.0, default=1.0),
+    Adjustment("braking_range", scale=0.1, low=0.1, high=1.0, default=1.0),
+    Adjustment("lateral_range", scale=0.1, low=0.1, high=1.0, default=1.0),
+)
+"""The same and how far the sampling reaches, which the paper's outlook proposes."""
 
 
 def default_weights(adjustments: tuple[Adjustment, ...]) -> Float[Array, "actions"]:
@@ -88,9 +98,15 @@ def normalized(adjustments: tuple[Adjustment, ...], weights: Float[Array, "actio
 def cost_weights(adjustments: tuple[Adjustment, ...], weights: Float[Array, "actions"]) -> CostWeights:
     """The planner's weights; terms that the table leaves out are switched off."""
     known: dict[str, Any] = dict.fromkeys(COST_TERMS)
-    known |= {one.term: weights[place] for place, one in enumerate(adjustments) if one.cost is None}
+    known |= {one.term: weights[place] for place, one in enumerate(adjustments) if one.term in COST_TERMS}
     extra = [ExtraTerm(one.cost, weights[place]) for place, one in enumerate(adjustments) if one.cost is not None]
     return CostWeights(**known, extra=tuple(extra))
+
+
+def sampling_range(adjustments: tuple[Adjustment, ...], weights: Float[Array, "actions"]) -> SamplingRange | None:
+    """How far the planner's sampling reaches; `None`, as in the config, if the table says nothing about it."""
+    reach = {one.term: weights[place] for place, one in enumerate(adjustments) if one.term in SAMPLING_TERMS}
+    return SamplingRange(**reach) if reach else None
 
 
 def _column(adjustments: tuple[Adjustment, ...], name: str) -> np.ndarray:

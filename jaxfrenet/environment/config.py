@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from jaxfrenet.config import PlannerConfig
 from jaxfrenet.environment.action import PAPER_ADJUSTMENTS, Adjustment
+from jaxfrenet.sampling import SAMPLING_TERMS
 
 
 @dataclass(frozen=True)
@@ -20,9 +21,9 @@ class EnvironmentConfig:
         """Refuse a table that no action can be made of.
 
         Raises:
-          ValueError: it is empty, or a cost term comes twice.
+          ValueError: it has no cost term, or one comes twice.
         """
         object.__setattr__(self, "adjustments", tuple(self.adjustments))
         terms = [one.term for one in self.adjustments]
-        if not terms or len(set(terms)) != len(terms):
+        if not set(terms).difference(SAMPLING_TERMS) or len(set(terms)) != len(terms):
             raise ValueError(f"adjustments are {terms}: name at least one cost term, and each once")

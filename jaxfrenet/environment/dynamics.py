@@ -10,7 +10,7 @@ import jax
 
 from jaxfrenet._pytree import pytree_dataclass
 from jaxfrenet._typing import Array, Float
-from jaxfrenet.environment.action import adjust, cost_weights, default_weights
+from jaxfrenet.environment.action import adjust, cost_weights, default_weights, sampling_range
 from jaxfrenet.environment.config import EnvironmentConfig
 from jaxfrenet.environment.observation import first_observation, observe
 from jaxfrenet.planner import PlanningCycle, plan
@@ -58,7 +58,7 @@ def proceed(
     before = situation.simulation
     weights = adjust(config.adjustments, situation.weights, action)
     planned = cost_weights(config.adjustments, weights)
-    cycle = plan(config.planner, scenario, before, planned)
+    cycle = plan(config.planner, scenario, before, planned, sampling_range(config.adjustments, weights))
     after, report = advance(config.planner, scenario, before, cycle, planned)
     seen = observe(config, scenario, before, after, situation.start, cycle, report, weights)
     return Situation(after, weights, situation.start, seen), cycle, report

@@ -116,7 +116,7 @@ def first_observation(
 ) -> Float[Array, "fields"]:
     """`[fields]`, what is seen at the start of an episode."""
     planner, ego = config.planner, state.ego
-    unknown = len(TRAJECTORY) + len(COST_STATISTICS) * len(config.adjustments) + len(OUTERMOST)
+    unknown = len(TRAJECTORY) + len(COST_STATISTICS) * len(_terms(config)) + len(OUTERMOST)
     parts = [
         _ego(planner, scenario.path, state, state),
         _goal(planner, scenario, state, ego.arc_length, ego.speed),

@@ -13,7 +13,7 @@ from experiments import train
 from experiments._planners import SHIPPED
 from experiments._training_config import command_line, settle_config, with_config
 from experiments._training_options import TrainOptions, environment_config, settings
-from jaxfrenet.environment import PAPER_ADJUSTMENTS
+from jaxfrenet.environment import PAPER_ADJUSTMENTS, SAMPLING_ADJUSTMENTS
 from scenarios.command_line import UserError
 
 CHANGED = TrainOptions(
@@ -70,6 +70,8 @@ def test_sizes_and_actions_take_effect():
     assert changed.planner.sampling_level == 2
     expected = [replace(one, scale=0.05) if one.term == "velocity_offset" else one for one in PAPER_ADJUSTMENTS]
     assert list(changed.adjustments) == expected
+    wider = replace(CHANGED, action_space="sampling", actions=("braking_range.low=0.5",))
+    assert environment_config(wider, preset).adjustments[6] == replace(SAMPLING_ADJUSTMENTS[6], low=0.5)
 
 
 @pytest.mark.parametrize(
@@ -97,6 +99,7 @@ def test_bad_files(tmp_path, capsys, content, message):
         (["--sizes", "epochs=1.5"], "--sizes: epochs 1.5: give a positive integer"),
         (["--sizes", "minibatches=7", "--preset", "quick"], "--sizes: environments 16 cannot be divided"),
         (["--actions", "speed.scale=1"], "there is no 'speed.scale'; there are prediction.scale, "),
+        (["--actions", "braking_range.low=0.5"], "not in this action space; add --action-space sampling"),
         (["--actions", "prediction.low=300"], "--actions: adjustment of 'prediction': choose finite numbers"),
         (["--config"], "--config"),
     ],

@@ -13,6 +13,7 @@ import pytest
 import jaxfrenet as jf
 from jaxfrenet.environment import (
     PAPER_ADJUSTMENTS,
+    SAMPLING_ADJUSTMENTS,
     Adjustment,
     DrivingEnvironment,
     EnvironmentConfig,
@@ -341,6 +342,7 @@ def test_the_batch_changes_nothing(params, episodes, step):
 
 
 EXTENDED = (*PAPER_ADJUSTMENTS[1:], Adjustment("acceleration", 0.2, 0.0, 1.0, 0.1), PAPER_ADJUSTMENTS[0])
+EXTENDED = (*EXTENDED, *SAMPLING_ADJUSTMENTS[5:])
 JUNCTIONS = tjunction.TJunctionConfig()
 
 
@@ -350,15 +352,15 @@ def timed_out(state):
     return dataclasses.replace(state, situation=dataclasses.replace(state.situation, simulation=late))
 
 
-def test_generated_scenarios_with_one_more_adjustment():
+def test_generated_scenarios_with_more_adjustments():
     config = dataclasses.replace(CONFIG, adjustments=EXTENDED)
     environment = DrivingEnvironment(config, lambda key: tjunction.sample(key, JUNCTIONS))
-    assert environment.action_size == 6
-    assert environment.observation_size == ENVIRONMENT.observation_size + 3 + 1
+    assert environment.action_size == 9
+    assert environment.observation_size == ENVIRONMENT.observation_size + 3 + 4
     params, step = environment.generator_params(), jax.jit(environment.step)
     shapes = jax.eval_shape(environment.reset, KEY, params)[1]
     ending = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
-    action = jnp.asarray([0.0, 0.0, 0.0, 0.0, 1.0, -1.0])
+    action = jnp.asarray([0.0, 0.0, 0.0, 0.0, 1.0, -1.0, -0.5, 0.0, 0.0])
     _, state, *_ = step(KEY, ending, action, params)
     first = state.scenario
     names = [one.name for one in observation_fields(config)]
@@ -368,7 +370,8 @@ def test_generated_scenarios_with_one_more_adjustment():
         weight, metrics = 0.1 + 0.2 * count, info["metrics"]
         assert float(metrics["weight/acceleration"]) == pytest.approx(weight)
         assert float(metrics["weight/prediction"]) == pytest.approx(200.0 - 20.0 * count)
-        assert float(metrics["reward/weights"]) == pytest.approx(-0.1 * 0.2 * count, rel=1e-4)
+        assert float(metrics["weight/acceleration_range"]) == pytest.approx(1.0 - 0.1 * count)
+        assert float(metrics["reward/weights"]) == pytest.approx(-0.1 * 0.3 * count, rel=1e-4)
         assert float(observation[names.index("weight_acceleration")]) == pytest.approx(2 * weight - 1)
         assert float(observation[names.index("cost_acceleration_mean")]) > 0.0
         assert_close(state.scenario, first)
