@@ -47,7 +47,7 @@ def test_end_offsets():
 def test_shares_of_the_ranges(reach, speeds, side):
     config, motion = jf.PlannerConfig(), (jnp.float32(10.0), jnp.float32(10.25), jnp.float32(0.5))
     got = sample_end_states(config, *motion, jf.SamplingRange(*reach))
-    np.testing.assert_allclose(got.speed, [*np.linspace(*speeds, 9), 10.25], atol=1e-5)
+    np.testing.assert_allclose(got.speed, [*np.linspace(speeds[0], speeds[1], 9), 10.25], atol=1e-5)
     np.testing.assert_allclose(got.offset, [*np.linspace(-side, side, 9), 0.5], atol=1e-6)
     if reach == (1.0, 1.0, 1.0):
         whole = sample_end_states(config, *motion)
