@@ -18,7 +18,7 @@ from experiments._batches import BatchDriver, make_batches
 from experiments._comparison import compare, comparison_table
 from experiments._exhibits import Exhibit, write_csv, write_exhibit
 from experiments._machine import describe_machine
-from experiments._planners import SHIPPED, DefaultPlanner, HybridPlanner, load_hybrid
+from experiments._planners import SHIPPED, DefaultPlanner, HybridPlanner, describe, load_hybrid
 from experiments._report import source_version, write_report
 from experiments._run_time import measure_run_time
 from experiments._sources import SourceOptions, choose, load_scenarios, source_as_plain
@@ -100,9 +100,10 @@ def _named_default(weight: float = DEFAULT_WEIGHT) -> str:
 def _settings(options: ReproduceOptions, hybrid: HybridPlanner, found: Sequence[jf.Scenario]) -> dict[str, Any]:
     """What the parts of a study depend on."""
     leaves = [np.asarray(leaf) for scenario in found for leaf in jax.tree.leaves(scenario)]
+    actions = json.dumps(describe(hybrid.environment)["adjustments"]).encode()
     return {
         "scenarios": digest(*leaves),
-        "policy": digest(*map(np.asarray, jax.tree.leaves(hybrid.parameters))),
+        "policy": digest(*map(np.asarray, jax.tree.leaves(hybrid.parameters)), np.frombuffer(actions, np.uint8)),
         "predictor": options.predictor,
         "sampling": options.sampling,
         "batch": options.batch,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import re
 import shutil
+from dataclasses import replace
 from html import unescape
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from PIL import Image
 
 import jaxfrenet as jf
 from experiments import reproduce
+from experiments._planners import load_hybrid
 from experiments._study import COLUMNS, Driven, rounded, telling_scenario
 
 STUDY = ["--scenarios", "builtin", "--collision-weights", "0"]
@@ -162,6 +164,15 @@ def test_what_cannot_be_asked(study, changed, says, capsys):
 def test_the_papers_weights_share_a_program():
     assert {type(weight) for weight in reproduce.ReproduceOptions().collision_weights} == {float}
     assert reproduce._checked_weights(reproduce.ReproduceOptions(collision_weights=(0, 200))) == [0.0, 200.0]
+
+
+def test_policies_with_other_actions_are_told_apart():
+    hybrid = load_hybrid(None, jf.PlannerConfig())
+    table = (replace(hybrid.environment.adjustments[0], scale=1.5), *hybrid.environment.adjustments[1:])
+    other = replace(hybrid, environment=replace(hybrid.environment, adjustments=table))
+    settings = [reproduce._settings(reproduce.ReproduceOptions(), one, []) for one in (hybrid, hybrid, other)]
+    assert settings[0] == settings[1]
+    assert {name for name in settings[0] if settings[0][name] != settings[2][name]} == {"policy"}
 
 
 def driven(*ends: tuple[str, float]) -> Driven:
