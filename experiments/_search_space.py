@@ -33,7 +33,7 @@ entropy_coefficient = {low = 1e-4, high = 3e-2, log = true}
 gae_lambda = {low = 0.9, high = 0.99}
 
 [rewards]
-risk_magnitude = {low = -1.0, high = 0.0}
+risk_magnitude = {low = -5.0, high = 0.0}
 weights = {low = -0.3, high = 0.0}
 
 # Lists only: every combination of these is a program of its own, which is compiled once.

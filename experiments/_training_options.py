@@ -90,6 +90,9 @@ class TrainOptions(LearningOptions):
     relative: bool = True
     """Reward what is gained over the default planner in the same scenario: the same optimum, learned with less noise.
     Validation tells plain returns."""
+    keep_policies: bool = False
+    """Keep the policy of every validation in policies/STEP, to compare them or to average them with
+    experiments.average."""
     seeds: int = 1
     """How many runs to train side by side, which differ in their random numbers."""
     devices: int | None = None

@@ -47,7 +47,7 @@ class SweepOptions(LearningOptions):
         learning_rate = {low = 1e-4, high = 1e-3, log = true}
         clip_epsilon = [0.1, 0.2]
         [rewards]
-        risk_magnitude = {low = -1.0, high = 0.0}
+        risk_magnitude = {low = -5.0, high = 0.0}
         [ppo]
         lstm_size = [64, 128]
         [actions.velocity_offset]

@@ -127,6 +127,8 @@ def _train(
                 if log is not None:
                     log.flush()
                     _keep_best(folder, problem, preset, state, options)
+                    if options.keep_policies:
+                        _keep_current(folder, problem, preset, state, options, done)
                 checkpoints.save(done, state)
                 saved = done
     return state
@@ -160,16 +162,32 @@ def _best(preset: Preset, state: ppo.TrainingState) -> tuple[ppo.Policy, float, 
 def _keep_best(folder: Path, problem: Problem, preset: Preset, state: ppo.TrainingState, options: TrainOptions) -> None:
     """Write the best policy."""
     policy, score, steps = _best(preset, state)
-    about = {
-        "validation_return": score,
-        "default_planner_return": problem.baseline["return"],
-        "steps": steps,
+    about = {"validation_return": score, "default_planner_return": problem.baseline["return"]}
+    _save(folder / "policy", problem, preset, options, policy, about | {"steps": steps})
+
+
+def _keep_current(
+    folder: Path, problem: Problem, preset: Preset, state: ppo.TrainingState, options: TrainOptions, done: int
+) -> None:
+    """Write the policy of every run as it is now."""
+    for seed in range(options.seeds):
+        one = state if options.seeds == 1 else jax.tree.map(lambda leaf, seed=seed: leaf[seed], state)
+        name = str(done) if options.seeds == 1 else f"{done}-seed{seed}"
+        policy = ppo.current_policy(preset.ppo, one)
+        _save(folder / "policies" / name, problem, preset, options, policy, {"steps": done})
+
+
+def _save(
+    folder: Path, problem: Problem, preset: Preset, options: TrainOptions, policy: ppo.Policy, about: dict[str, Any]
+) -> None:
+    """Write a policy with all that is to be known about it."""
+    about |= {
         "preset": options.preset,
         "sampling": preset.sampling,
         "predictor": options.predictor,
         "command": command_line(options),
     }
-    ppo.save_policy(folder / "policy", jax.device_get(policy), describe(problem.environment.config) | about)
+    ppo.save_policy(folder, jax.device_get(policy), describe(problem.environment.config) | about)
 
 
 def _finish(folder: Path, problem: Problem, preset: Preset, state: ppo.TrainingState) -> None:

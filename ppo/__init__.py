@@ -18,7 +18,7 @@ from ppo.config import Hyperparameters, NetworkConfig, PPOConfig
 from ppo.diagnosis import NONFINITE_NAMES, first_nonfinite
 from ppo.environment import Environment, Info
 from ppo.evaluation import Evaluation, evaluate
-from ppo.policy import Policy, PolicyError, act, initial_carry, load_policy, save_policy, value
+from ppo.policy import Policy, PolicyError, act, average_policies, initial_carry, load_policy, save_policy, value
 from ppo.sharding import environment_mesh, replicate
 from ppo.training import TrainingState, current_policy, initial_state, state_shardings, train, train_chunk, train_update
 
@@ -36,6 +36,7 @@ __all__ = [
     "PolicyError",
     "TrainingState",
     "act",
+    "average_policies",
     "current_policy",
     "environment_mesh",
     "evaluate",

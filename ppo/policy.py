@@ -9,7 +9,7 @@ import tempfile
 import zipfile
 import zlib
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -89,6 +89,26 @@ def value(policy: Policy, carry: Carry, observation: Array, reset: Array) -> tup
     """The expected discounted return `[batch]` in the environment's own units; arguments as for `outputs`."""
     carry, output = outputs(policy, carry, observation, reset)
     return carry, output.value * policy.return_std
+
+
+def average_policies(policies: Sequence[Policy]) -> Policy:
+    """The mean of policies' parameters; all else is the last one's.
+
+    Among policies of one run that are not far apart it averages out much of the noise of learning (Izmailov et al.
+    2018, stochastic weight averaging).
+
+    Raises:
+      PolicyError: there is none, or their networks differ.
+    """
+    if not policies:
+        raise PolicyError("no policy to average; name at least one")
+    last = policies[-1]
+    for one in policies:
+        shapes = [jax.tree.map(jnp.shape, each.parameters) for each in (one, last)]
+        if one.network != last.network or shapes[0] != shapes[1]:
+            raise PolicyError("policies to average have different networks; name some of one run")
+    mean = jax.tree.map(lambda *leaves: sum(leaves[1:], leaves[0]) / len(leaves), *(one.parameters for one in policies))
+    return replace(last, parameters=mean)
 
 
 def save_policy(folder: Path | str, policy: Policy, description: dict[str, Any] | None = None) -> None:

@@ -45,7 +45,7 @@ class RewardFactors:
     """Per m driven along the reference path."""
 
 
-LEAST_RISK = 1e-12
+LEAST_RISK = 1e-6
 """A risk far below this adds nothing to the term `risk_magnitude`."""
 _ENDS = {
     "goal_reached_in_time": (Outcome.GOAL_REACHED_IN_TIME,),

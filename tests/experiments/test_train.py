@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 
 import ppo
-from experiments import evaluate, train
+from experiments import average, evaluate, train
 from experiments._planners import describe
 from experiments._training_log import TrainingLog
 from jaxfrenet.environment import EnvironmentConfig, observation_fields
 
 SMALL = ["--preset", "quick", "--generate", "20", "--kinds", "tjunction:commonroad", "--validate-every", "5"]
-SMALL += ["--predictor", "constant_velocity", "--total-steps", "11840"]
-REORDERED = [*SMALL[:2], *SMALL[-2:], *SMALL[6:8], *SMALL[2:6], *SMALL[8:10]]
+SMALL += ["--predictor", "constant_velocity", "--total-steps", "11840", "--keep-policies"]
+REORDERED = [*SMALL[:2], *SMALL[10:12], *SMALL[6:8], *SMALL[2:6], *SMALL[8:10], SMALL[-1]]
 """The same in the order of the options."""
 STEPS_PER_UPDATE = 16 * 74
 
@@ -92,6 +92,22 @@ def test_best_policy_is_kept(trained):
     assert description["validation_return"] == pytest.approx(max(returns.values()))
     assert returns[description["steps"]] == max(returns.values())
     assert description["command"] == " ".join(["python -m experiments.train", *REORDERED])
+
+
+def test_policies_can_be_averaged(trained, tmp_path, capsys):
+    kept = [trained / "policies" / str(steps) for steps in (5920, 11840)]
+    assert sorted((trained / "policies").iterdir()) == sorted(kept)
+    average.main([*map(str, kept), "--out", str(tmp_path / "mean")])
+    policies = [ppo.load_policy(folder)[0].parameters for folder in (*kept, tmp_path / "mean")]
+    for first, second, mean in zip(*map(jax.tree.leaves, policies), strict=True):
+        np.testing.assert_allclose(mean, (first + second) / 2, atol=1e-6)
+    about = ppo.load_policy(tmp_path / "mean")[1]
+    assert about["averaged_steps"] == [5920, 11840]
+    assert about["adjustments"] == ppo.load_policy(trained / "policy")[1]["adjustments"]
+    with pytest.raises(SystemExit):
+        average.main([str(kept[0]), str(tmp_path / "nothing"), "--out", str(tmp_path / "new")])
+    assert "there is no such folder" in capsys.readouterr().err
+    assert not (tmp_path / "new").exists()
 
 
 def test_an_interrupted_run_goes_on_as_if_nothing_had_happened(trained, tmp_path, monkeypatch):

@@ -82,7 +82,7 @@ def test_terms_that_are_off_by_default(terms):
     found = terms(factors=factors)
     assert found["offset"] == pytest.approx(-2.0 * 0.4, rel=1e-5)
     assert found["progress"] == pytest.approx(3.0 * 0.7, rel=1e-5)
-    assert found["risk_magnitude"] == pytest.approx(-0.5 * np.log10(1 + 2.5e-4 / 1e-12), rel=1e-5)
+    assert found["risk_magnitude"] == pytest.approx(-0.5 * np.log10(1 + 2.5e-4 / 1e-6), rel=1e-5)
     assert terms(factors=factors, told=report(ego_risk=0.0, third_party_risk=0.0))["risk_magnitude"] == 0.0
 
 

@@ -45,6 +45,18 @@ def test_what_is_saved_is_loaded(policy, tmp_path, memory, assert_equal):
     assert_equal(loaded, policy)
 
 
+def test_the_average_of_policies(policy):
+    moved = replace(policy, parameters=jax.tree.map(lambda leaf: leaf + 3.0, policy.parameters))
+    mean = ppo.average_policies([policy, policy, replace(moved, return_std=jnp.float32(7.0))])
+    for leaf, first in zip(jax.tree.leaves(mean.parameters), jax.tree.leaves(policy.parameters), strict=True):
+        np.testing.assert_allclose(leaf, first + 1.0, atol=1e-6)
+    assert float(mean.return_std) == 7.0
+    smaller = networks.init(SMALL.network, jax.random.key(0), 2, 2, 0.3)
+    for others in ([], [policy, replace(policy, parameters=smaller)]):
+        with pytest.raises(ppo.PolicyError, match="name"):
+            ppo.average_policies(others)
+
+
 def test_a_policy_that_cannot_be_written_leaves_the_old_one(folder, policy, assert_equal):
     with pytest.raises(TypeError):
         ppo.save_policy(folder, replace(policy, return_std=jnp.float32(5.0)), {"note": object()})
