@@ -30,6 +30,7 @@ SIZES = "environments", "rollout_steps", "epochs", "minibatches", "lstm_size"
 HYPERPARAMETERS = tuple(field.name for field in fields(ppo.Hyperparameters))  # pyright: ignore[reportArgumentType]
 """What `--hyperparameters` can change."""
 ACTION_SPACES = {"paper": PAPER_ADJUSTMENTS, "sampling": SAMPLING_ADJUSTMENTS}
+"""What `--action-space` names."""
 ADJUSTABLE = tuple(f"{one.term}.{part}" for one in SAMPLING_ADJUSTMENTS for part in ("scale", "low", "high", "default"))
 """What `--actions` can change."""
 

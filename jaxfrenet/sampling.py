@@ -38,6 +38,7 @@ class SamplingRange:
 
 
 SAMPLING_TERMS = tuple(field.name for field in dataclasses.fields(SamplingRange))
+"""Names of the ranges."""
 
 
 def sample_end_states(
