@@ -10,12 +10,9 @@ import numpy as np
 from tqdm import tqdm
 
 import jaxfrenet as jf
-import scenarios
-from experiments._training_sets import TOGETHER, TrainingSets, joined, one_each, zero_driver
+from experiments._training_sets import TOGETHER, TrainingSets, common_sizes, joined, one_each, zero_driver
 from jaxfrenet.environment import DrivingEnvironment, EnvironmentConfig, RewardFactors, make_params
 from scenarios import Dataset
-from scenarios.batching import rounded_up
-from scenarios.command_line import UserError
 
 CONFLICT = 1e-6
 """Mean risk, to the ego and others together, from which on a planner that disregards the traffic is in conflict."""
@@ -31,10 +28,7 @@ def only_conflicts(config: EnvironmentConfig, sets: TrainingSets) -> TrainingSet
     groups = [sets.train.part(range(*ends)) for ends in pairwise(bounds)]
     kept = [with_conflicts(config, group) for group in groups]
     left = TrainingSets(joined(kept), with_conflicts(config, sets.validation), tuple(len(group) for group in kept))
-    for name, part in zip(("training", "validation"), left.parts(), strict=True):
-        if not len(part):
-            raise UserError(f"--conflicts leaves no scenario for {name}; give more with --generate, or files")
-    return left
+    return left.checked("--conflicts leaves no scenario")
 
 
 def with_conflicts(config: EnvironmentConfig, found: Dataset) -> Dataset:
@@ -53,9 +47,7 @@ def with_conflicts(config: EnvironmentConfig, found: Dataset) -> Dataset:
     planner = jf.PlannerConfig.preset("fast", predictor=config.planner.predictor)
     environment = DrivingEnvironment(EnvironmentConfig(planner, blind))
     max_steps = max(jf.max_steps(one) for one in found.scenarios)
-    sizes = [scenarios.sizes_of(one) for one in found.scenarios]
-    common = {axis: rounded_up(max(size[axis] for size in sizes)) for axis in sizes[0]}
-    drive, risks = zero_driver(environment, max_steps), []
+    drive, common, risks = zero_driver(environment, max_steps), common_sizes(found), []
     with tqdm(total=len(found), desc="looking for conflicts", unit=" scenarios", delay=5.0) as bar:
         for first in range(0, len(found), TOGETHER):
             chosen = np.minimum(np.arange(first, first + TOGETHER), len(found) - 1).tolist()

@@ -43,6 +43,17 @@ class TrainingSets(NamedTuple):
         """Both sets of scenarios."""
         return self.train, self.validation
 
+    def checked(self, complaint: str) -> TrainingSets:
+        """The same.
+
+        Raises:
+          UserError: one set is empty; the message begins with the complaint.
+        """
+        for name, part in zip(("training", "validation"), self.parts(), strict=True):
+            if not len(part):
+                raise UserError(f"{complaint} for {name}; give more with --generate, or files")
+        return self
+
     def max_steps(self) -> int:
         """Steps after which every episode has ended."""
         return max(jf.max_steps(one) for part in self.parts() for one in part.scenarios)
@@ -106,10 +117,7 @@ def training_sets(
     if validation:
         held_out = [Dataset.from_set(load_files(tuple(validation)))]
     sets = TrainingSets(joined(train), joined(held_out), tuple(len(group) for group in train))
-    for name, part in zip(("training", "validation"), sets.parts(), strict=True):
-        if not len(part):
-            raise UserError(f"no scenario is left for {name}; give more with --generate, or files")
-    return sets
+    return sets.checked("no scenario is left")
 
 
 def _draws(kinds: tuple[str, ...], count: int, seed: int) -> list[Draw]:
@@ -141,13 +149,18 @@ def environment_params(
 
     Predictions are tabulated, which takes a while. All arrays have the same sizes, so that programs can be shared.
     """
-    sizes = [scenarios.sizes_of(one) for part in sets.parts() for one in part.scenarios]
-    common = {axis: rounded_up(max(size[axis] for size in sizes)) for axis in sizes[0]}
-    made = []
-    with tqdm(total=len(sizes), desc="predicting traffic", unit=" scenarios", delay=5.0) as bar:
+    every = joined(sets.parts())
+    common, made = common_sizes(every), []
+    with tqdm(total=len(every), desc="predicting traffic", unit=" scenarios", delay=5.0) as bar:
         for part in sets.parts():
             made.append(make_params(environment.config, part.stacked(common), rewards, progress=bar.update))
     return made[0], one_each(made[1])
+
+
+def common_sizes(found: Dataset) -> dict[str, int]:
+    """Sizes of the axes of arrays that hold any of the scenarios."""
+    sizes = [scenarios.sizes_of(one) for one in found.scenarios]
+    return {axis: rounded_up(max(size[axis] for size in sizes)) for axis in sizes[0]}
 
 
 def one_each(params: EnvironmentParams) -> EnvironmentParams:

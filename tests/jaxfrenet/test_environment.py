@@ -341,8 +341,12 @@ def test_the_batch_changes_nothing(params, episodes, step):
         assert_close(element(together, index), alone, atol=1e-5, rtol=1e-5)
 
 
-EXTENDED = (*PAPER_ADJUSTMENTS[1:], Adjustment("acceleration", 0.2, 0.0, 1.0, 0.1), PAPER_ADJUSTMENTS[0])
-EXTENDED = (*EXTENDED, *SAMPLING_ADJUSTMENTS[5:])
+EXTENDED = (
+    *PAPER_ADJUSTMENTS[1:],
+    Adjustment("acceleration", 0.2, 0.0, 1.0, 0.1),
+    PAPER_ADJUSTMENTS[0],
+    *SAMPLING_ADJUSTMENTS[5:],
+)
 JUNCTIONS = tjunction.TJunctionConfig()
 
 
