@@ -101,6 +101,11 @@ class Hyperparameters:
     """Gradients that are longer are shortened to it."""
     initial_std: Any = 0.3
     """Standard deviation of actions before training."""
+    noise_correlation: Any = 0.0
+    """Correlation of the noise of one action with that of the one before, within an episode. 0 draws every action by
+    itself; near 1 the actions stray one way for about 1 / (1 - correlation) steps, so that what many small steps in the
+    same direction lead to is found. The noise of a single action has the same distribution either way, which is what
+    the loss sees (Hollenstein et al. 2024, coloured noise in PPO)."""
 
     def __post_init__(self) -> None:
         for name in (entry.name for entry in fields(self)):  # pyright: ignore[reportArgumentType]
@@ -111,7 +116,7 @@ class Hyperparameters:
 
 
 _POSITIVE = "learning_rate", "clip_epsilon", "max_gradient_norm", "initial_std"
-_SHARES = "discount", "gae_lambda"
+_SHARES = "discount", "gae_lambda", "noise_correlation"
 
 
 def _check_range(name: str, value: float) -> None:

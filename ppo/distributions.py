@@ -11,9 +11,18 @@ from jax import Array
 LOG_2_PI = math.log(2.0 * math.pi)
 
 
-def sample(key: Array, mean: Array, log_std: Array) -> Array:
-    """Draw once from the Gaussian of `mean` and `log_std`, `[..., size]` each, with one key for all."""
-    return mean + jnp.exp(log_std) * jax.random.normal(key, mean.shape, mean.dtype)
+def following_noise(key: Array, before: Array, correlation: Array | float, fresh: Array) -> Array:
+    """Standard Gaussian noise that goes on from what was drawn before: a stationary first-order autoregression.
+
+    Args:
+      key: random key, one for all.
+      before: `[..., size]`, standard Gaussian noise.
+      correlation: `[]`, of every element with the one before; 0 forgets it.
+      fresh: `[...]` bool, where nothing was before.
+    """
+    drawn = jax.random.normal(key, before.shape, before.dtype)
+    kept = jnp.where(fresh, 0.0, jnp.asarray(correlation, before.dtype))[..., None]
+    return kept * before + jnp.sqrt(1.0 - kept**2) * drawn
 
 
 def log_prob(mean: Array, log_std: Array, value: Array) -> Array:

@@ -29,6 +29,8 @@ class Actors:
     """What the networks remember."""
     reset: Array
     """`[environments]` bool, whether an episode begins with `observation`."""
+    noise: Array
+    """`[environments, action_size]`, the last action's, of standard deviation 1."""
     episode_return: Array
     """`[environments]`, sum of the rewards of the running episode."""
     episode_length: Array
@@ -81,6 +83,7 @@ def initial_actors(
         observation=_strong(observation),
         carry=networks.initial_carry(config.network, (config.environments,)),
         reset=jnp.ones(config.environments, bool),
+        noise=jnp.zeros((config.environments, environment.action_size)),
         episode_return=zeros,
         episode_length=zeros.astype(jnp.int32),
     )
@@ -95,6 +98,7 @@ def collect(
     params: Any,
     key: Array,
     mesh: jax.sharding.Mesh | None = None,
+    noise_correlation: Array | float = 0.0,
 ) -> tuple[Actors, Rollout, dict[str, Array]]:
     """Let the policy act for `config.rollout_steps`.
 
@@ -108,6 +112,7 @@ def collect(
       params: of the environment.
       key: draws actions and whatever the environments draw; each environment's share depends on its index alone.
       mesh: devices that share the environments.
+      noise_correlation: `[]`, of an action's noise with the one before it (`ppo.Hyperparameters`).
 
     Returns:
       Where the environments stand then, what they went through, and a summary `[]` each: means over all steps of
@@ -121,7 +126,10 @@ def collect(
         keys = _environment_keys(jax.random.fold_in(key, index), config.environments, mesh)
         action_keys, step_keys = jax.vmap(jax.random.split, out_axes=1)(keys)
         remembered, output = outputs(policy, actors.carry, actors.observation, actors.reset)
-        action = jax.vmap(distributions.sample, in_axes=(0, 0, None))(action_keys, output.mean, output.log_std)
+        noise = jax.vmap(distributions.following_noise, in_axes=(0, 0, None, 0))(
+            action_keys, actors.noise, noise_correlation, actors.reset
+        )
+        action = output.mean + jnp.exp(output.log_std) * noise
         observation, state, reward, terminated, truncated, info = step_environment(
             step_keys, actors.environment, action, params
         )
@@ -134,6 +142,7 @@ def collect(
             observation=observation,
             carry=remembered,
             reset=ended,
+            noise=noise,
             episode_return=jnp.where(ended, 0.0, returns),
             episode_length=jnp.where(ended, 0, lengths),
         )

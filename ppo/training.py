@@ -157,7 +157,9 @@ def train_update(
     """
     collect_key, update_key = jax.random.split(jax.random.fold_in(state.key, state.update))
     policy = current_policy(config, state)
-    actors, rollout, summary = collect(config, environment, policy, state.actors, params, collect_key, mesh)
+    actors, rollout, summary = collect(
+        config, environment, policy, state.actors, params, collect_key, mesh, hyperparameters.noise_correlation
+    )
     ended = rollout.terminated | rollout.truncated
     scale = update_return_scale(state.return_scale, rollout.rewards, ended, hyperparameters.discount)
     rewards = rollout.rewards / return_std(scale) if config.scale_rewards else rollout.rewards

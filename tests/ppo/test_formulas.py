@@ -122,12 +122,24 @@ def test_gaussian_is_that_of_scipy():
     np.testing.assert_allclose(distributions.log_prob(*map(jnp.asarray, (mean, log_std, value))), expected, rtol=1e-5)
     expected = stats.norm.entropy(mean[0], np.exp(log_std)).sum()
     np.testing.assert_allclose(distributions.entropy(jnp.asarray(log_std)), expected, rtol=1e-5)
-    draws = jax.vmap(distributions.sample, in_axes=(0, None, None))(
-        jax.random.split(jax.random.key(0), 4000), jnp.asarray(mean[0]), jnp.asarray(log_std)
-    )
-    for index in range(ACTIONS):
-        test = stats.kstest(np.asarray(draws[:, index]), stats.norm(mean[0, index], np.exp(log_std[index])).cdf)
-        assert test.pvalue > 1e-3
+
+
+def test_noise_is_gaussian_and_correlated_as_told_until_an_episode_ends():
+    keys = jax.random.split(jax.random.key(0), (3, 4000))
+    none = jnp.zeros((4000, ACTIONS))
+
+    def follow(keys, before, fresh, correlation=0.8):
+        return jax.vmap(distributions.following_noise, in_axes=(0, 0, None, None))(keys, before, correlation, fresh)
+
+    first = follow(keys[0], none, True)
+    second = follow(keys[1], first, False)
+    after_the_end, independent = follow(keys[2], second, True), follow(keys[2], second, False, 0.0)
+    for noise in (first, second, after_the_end):
+        for index in range(ACTIONS):
+            assert stats.kstest(np.asarray(noise[:, index]), stats.norm.cdf).pvalue > 1e-3
+            found = np.corrcoef(np.asarray([first, second, after_the_end])[:, :, index])
+            np.testing.assert_allclose(found[np.triu_indices(3, 1)], [0.8, 0.0, 0.0], atol=0.06)
+    np.testing.assert_array_equal(after_the_end, independent)
 
 
 def test_moments_are_those_of_all_chunks_together():

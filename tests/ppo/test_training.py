@@ -19,12 +19,23 @@ from ppo.update import learning_rate
 
 
 @pytest.fixture(scope="module")
-def second_rollout(unbroken):
-    """State before a rollout that begins amid episodes, its policy, the rollout and its summary."""
+def go_on(unbroken):
+    """State before a rollout that begins amid episodes, its policy, and what `collect` makes of a correlation."""
     state, _ = unbroken[0]
     policy = ppo.current_policy(SMALL, state)
-    run = jax.jit(lambda state: collect(SMALL, Drift(), policy, state.actors, None, jax.random.key(5)))
-    return state, policy, *run(state)
+
+    @jax.jit
+    def run(correlation):
+        return collect(SMALL, Drift(), policy, state.actors, None, jax.random.key(5), noise_correlation=correlation)
+
+    return state, policy, run
+
+
+@pytest.fixture(scope="module")
+def second_rollout(go_on):
+    """State before a rollout that begins amid episodes, its policy, the rollout and its summary."""
+    state, policy, run = go_on
+    return state, policy, *run(0.0)
 
 
 def test_update_sees_the_probabilities_of_the_rollout(second_rollout):
@@ -38,6 +49,18 @@ def test_update_sees_the_probabilities_of_the_rollout(second_rollout):
     np.testing.assert_allclose(output.value, rollout.values, atol=1e-5)
     _, forgetful = networks.apply(SMALL.network, state.parameters, state.actors.carry, observations, resets | True)
     assert np.max(np.abs(forgetful.value - rollout.values)) > 1e-3, "what is remembered matters"
+
+
+def test_noise_of_full_correlation_stays_until_an_episode_ends(go_on):
+    state, _, run = go_on
+    after, rollout, _ = run(1.0)
+    observations, resets = sequence(ppo.current_policy(SMALL, state), rollout)
+    _, output = networks.apply(SMALL.network, state.parameters, state.actors.carry, observations, resets)
+    noise = np.asarray((rollout.actions - output.mean) / np.exp(output.log_std))
+    before = np.concatenate([state.actors.noise[None], noise[:-1]])
+    same = np.all(np.abs(noise - before) < 1e-4, axis=-1)
+    np.testing.assert_array_equal(same, ~resets)
+    np.testing.assert_allclose(after.noise, noise[-1], atol=1e-4)
 
 
 def test_first_minibatch_has_ratio_one(unbroken, one_step):
