@@ -6,12 +6,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import jaxfrenet as jf
-from experiments._planners import DefaultPlanner, Planner, load_hybrid
+from experiments._planners import DefaultPlanner, Fixed, Planner, load_hybrid
 from experiments._sources import SourceOptions
 from jaxfrenet.config import Sampling
+from jaxfrenet.sampling import SAMPLING_TERMS
 from scenarios.command_line import UserError
 
 
@@ -20,7 +21,7 @@ class DrivingOptions(SourceOptions):
     """What is driven, by which planner."""
 
     planner: Literal["default", "hybrid"] = "default"
-    """The planner that drives: `default` has fixed cost weights, of `hybrid` a trained policy adjusts them."""
+    """The planner that drives: `default` has fixed weights, of `hybrid` a trained policy adjusts them."""
     policy: Path | None = None
     """Folder of the hybrid planner's policy, written by `train`; the one that comes with the project if not given."""
     predictor: Literal["neural", "constant_velocity", "ground_truth"] = "neural"
@@ -28,7 +29,8 @@ class DrivingOptions(SourceOptions):
     sampling: Sampling = "full"
     """How many trajectories a planning cycle samples: `full` 800, `fast` 180, `dense` 3,564."""
     weights: tuple[str, ...] = ()
-    """Cost weights as NAME=VALUE, in place of the default ones; a wrong name lists all."""
+    """Cost weights, and shares of the sampling's ranges, as NAME=VALUE, in place of the default ones; a wrong name
+    lists all."""
     curvature_rate_limit: float | Literal["vehicle"] = 0.4
     """Limit of the curvature's rate of change [1/(m s)], or `vehicle` for the steering rate and the friction circle of
     the single-track model, as CommonRoad's feasibility check has them."""
@@ -48,7 +50,7 @@ def chosen_planner(options: DrivingOptions) -> Planner:
     if options.planner == "default":
         if options.policy is not None:
             raise UserError(f"--policy {options.policy}: only the hybrid planner has one; add --planner hybrid")
-        return DefaultPlanner(config, cost_weights(options.weights))
+        return DefaultPlanner(config, *fixed_weights(options.weights))
     if options.weights:
         raise UserError(f"--weights {options.weights[0]}: the hybrid planner's policy sets them; leave it out")
     return load_hybrid(options.policy, config)
@@ -99,21 +101,25 @@ def planner_config(options: DrivingOptions) -> jf.PlannerConfig:
     )
 
 
-def cost_weights(assignments: tuple[str, ...]) -> jf.CostWeights:
-    """Cost weights from `name=value` words; terms that are not named keep their default weight.
+def fixed_weights(assignments: tuple[str, ...]) -> Fixed:
+    """Cost weights and sampling ranges from `name=value` words; what is not named keeps its default.
 
     Raises:
-      UserError: a word without `=`, an unknown term, or a weight that is no finite number ≥ 0.
+      UserError: a word without `=`, an unknown name, or a weight or share that is no finite number ≥ 0.
     """
-    weights = {}
+    found: dict[str, Any] = {}
     for assignment in assignments:
         name, _, value = assignment.partition("=")
-        if name not in jf.COST_TERMS:
-            raise UserError(f"--weights {assignment}: unknown cost term {name!r}; known: {', '.join(jf.COST_TERMS)}")
-        if name in weights:
-            raise UserError(f"--weights {assignment}: {name} is given twice; give each cost term once")
-        weights[name] = _weight(assignment, value)
-    return jf.CostWeights(**weights)
+        if name not in (*jf.COST_TERMS, *SAMPLING_TERMS):
+            raise UserError(
+                f"--weights {assignment}: unknown cost term {name!r}; known: {', '.join(jf.COST_TERMS)}; "
+                f"and of the sampling {', '.join(SAMPLING_TERMS)}"
+            )
+        if name in found:
+            raise UserError(f"--weights {assignment}: {name} is given twice; give each once")
+        found[name] = _weight(assignment, value)
+    reach = {name: found.pop(name) for name in SAMPLING_TERMS if name in found}
+    return Fixed(jf.CostWeights(**found), jf.SamplingRange(**reach) if reach else None)
 
 
 def _weight(assignment: str, value: str) -> float:

@@ -1,4 +1,4 @@
-"""What drives: the default planner with fixed cost weights, or the hybrid planner, whose weights a policy adjusts."""
+"""What drives: the default planner with fixed weights, or the hybrid planner, whose weights a policy adjusts."""
 
 from __future__ import annotations
 
@@ -68,32 +68,44 @@ class Planner(Protocol):
         ...
 
 
+class Fixed(NamedTuple):
+    """What the default planner keeps."""
+
+    weights: jf.CostWeights
+    reach: jf.SamplingRange | None
+    """How far its sampling reaches; as the config has it if None."""
+
+
 @dataclass(frozen=True)
 class DefaultPlanner:
-    """The planner with fixed cost weights."""
+    """The planner with fixed cost weights and sampling ranges."""
 
     config: jf.PlannerConfig
-    parameters: jf.CostWeights
+    weights: jf.CostWeights
+    reach: jf.SamplingRange | None = None
+
+    @property
+    def parameters(self) -> Fixed:
+        """Weights and ranges."""
+        return Fixed(self.weights, self.reach)
 
     @property
     def terms(self) -> tuple[str, ...]:
         """Those with a weight."""
-        return self.parameters.names()
+        return self.weights.names()
 
-    def roll_out(self, parameters: jf.CostWeights, scenario: jf.Scenario, max_steps: int) -> jf.Episode:
+    def roll_out(self, parameters: Fixed, scenario: jf.Scenario, max_steps: int) -> jf.Episode:
         """Drive one scenario to its end."""
-        return jf.roll_out(self.config, scenario, parameters, max_steps)
+        return jf.roll_out(self.config, scenario, parameters.weights, max_steps, parameters.reach)
 
-    def begin(self, parameters: jf.CostWeights, scenario: jf.Scenario) -> tuple[None, jf.SimulationState]:
+    def begin(self, parameters: Fixed, scenario: jf.Scenario) -> tuple[None, jf.SimulationState]:
         """Nothing is remembered."""
         return None, jf.reset(self.config, scenario)
 
-    def step(
-        self, parameters: jf.CostWeights, memory: None, state: jf.SimulationState, scenario: jf.Scenario
-    ) -> StepResult:
+    def step(self, parameters: Fixed, memory: None, state: jf.SimulationState, scenario: jf.Scenario) -> StepResult:
         """Drive one step."""
-        cycle = jf.plan(self.config, scenario, state, parameters)
-        return StepResult(None, cycle, *jf.advance(self.config, scenario, state, cycle, parameters))
+        cycle = jf.plan(self.config, scenario, state, *parameters)
+        return StepResult(None, cycle, *jf.advance(self.config, scenario, state, cycle, parameters.weights))
 
 
 class _Driving(NamedTuple):

@@ -16,7 +16,7 @@ import jaxfrenet as jf
 import scenarios
 from experiments._batches import Batch, BatchDriver, make_batches
 from experiments._comparison import compare, comparison_table
-from experiments._driving import DrivingOptions, chosen_planner, cost_weights, other_planners, own_name
+from experiments._driving import DrivingOptions, chosen_planner, fixed_weights, other_planners, own_name
 from experiments._planners import Planner
 from experiments._results import driven_steps, episode_row, summarize, summary_table, write_results
 from experiments._sources import SourceOptions, load_scenarios, source_as_plain
@@ -124,13 +124,13 @@ def _write_solutions(
 
 
 def _as_plain(options: EvaluateOptions) -> dict[str, Any]:
-    """The options as JSON can hold them; with all weights that rank trajectories, where they are fixed."""
+    """The options as JSON can hold them; with all weights and ranges, where they are fixed."""
     source = {field.name for field in fields(SourceOptions)}
     rest = {name: value for name, value in asdict(options).items() if name not in source}
     paths = {name: None if rest[name] is None else str(rest[name]) for name in ("out", "policy")}
-    weights = cost_weights(options.weights)
-    ranking = {name: getattr(weights, name) for name in weights.names()} if options.planner == "default" else None
-    return source_as_plain(options) | rest | paths | {"weights": ranking}
+    weights, reach = fixed_weights(options.weights)
+    fixed = {name: getattr(weights, name) for name in weights.names()} | asdict(reach or jf.SamplingRange())
+    return source_as_plain(options) | rest | paths | {"weights": fixed if options.planner == "default" else None}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -30,7 +30,8 @@ class SamplingRange:
     """
 
     acceleration_range: Array | float = 1.0
-    """`[]`, from the current speed up to the highest end speed; 0 never accelerates, 2 is twice the range."""
+    """`[]`, from the current speed up to the highest end speed; 0 never accelerates, 2 is twice the range, as far as
+    the config's and the vehicle's bounds allow."""
     braking_range: Array | float = 1.0
     """`[]`, from the current speed down to the lowest end speed; 0 never brakes."""
     lateral_range: Array | float = 1.0
@@ -63,7 +64,7 @@ def sample_end_states(
     highest = jnp.minimum(speed + vehicle.max_acceleration / 6 * horizon, fastest)
     sides = config.lateral_range
     if reach is not None:
-        lowest = lowest + (1.0 - reach.braking_range) * (speed - lowest)
+        lowest = jnp.maximum(lowest + (1.0 - reach.braking_range) * (speed - lowest), config.lowest_end_speed)
         highest = jnp.minimum(highest + (reach.acceleration_range - 1.0) * (highest - speed), fastest)
         sides = sides * reach.lateral_range
     share = jnp.linspace(0.0, 1.0, config.samples_per_axis)

@@ -20,6 +20,7 @@ from jaxfrenet.planner import PlanMode, PlanningCycle, plan
 from jaxfrenet.prediction import with_predictions
 from jaxfrenet.reference_path import look_up, project
 from jaxfrenet.road import is_off_road
+from jaxfrenet.sampling import SamplingRange
 from jaxfrenet.scenario import Obstacles, Scenario
 from jaxfrenet.state import Outcome, SimulationState
 from jaxfrenet.trajectories import EgoState, initial_ego_state
@@ -100,14 +101,18 @@ def reset(config: PlannerConfig, scenario: Scenario) -> SimulationState:
 
 
 def step(
-    config: PlannerConfig, scenario: Scenario, state: SimulationState, weights: CostWeights
+    config: PlannerConfig,
+    scenario: Scenario,
+    state: SimulationState,
+    weights: CostWeights,
+    reach: SamplingRange | None = None,
 ) -> tuple[SimulationState, StepReport]:
     """Plan, move the ego to the chosen trajectory's next point, and judge how the episode stands.
 
     An episode that has ended is not to be stepped further: callers that keep a batch running freeze it, as `roll_out`
     does.
     """
-    return advance(config, scenario, state, plan(config, scenario, state, weights), weights)
+    return advance(config, scenario, state, plan(config, scenario, state, weights, reach), weights)
 
 
 def advance(
@@ -201,7 +206,13 @@ def max_steps(scenario: Scenario) -> int:
 
 
 @partial(jax.jit, static_argnums=(0, 3))
-def roll_out(config: PlannerConfig, scenario: Scenario, weights: CostWeights, max_steps: int) -> Episode:
+def roll_out(
+    config: PlannerConfig,
+    scenario: Scenario,
+    weights: CostWeights,
+    max_steps: int,
+    reach: SamplingRange | None = None,
+) -> Episode:
     """Drive one scenario to its end; `jax.vmap` over scenarios (and weights, if they differ) drives a batch.
 
     Args:
@@ -210,12 +221,13 @@ def roll_out(config: PlannerConfig, scenario: Scenario, weights: CostWeights, ma
       weights: weights of the cost terms, constant over the episode.
       max_steps: static; an episode that runs longer is left with the outcome `RUNNING`. `max_steps(scenario)` is
         always enough.
+      reach: how far the sampled end states reach, constant too; as the config has it if not given.
     """
     if scenario.predictions is None:
         scenario = with_predictions(config, scenario)
 
     def drive(_: None, state: SimulationState) -> tuple[None, SimulationState, StepReport]:
-        return None, *step(config, scenario, state, weights)
+        return None, *step(config, scenario, state, weights, reach)
 
     return record(drive, None, reset(config, scenario), max_steps)
 

@@ -13,10 +13,11 @@ import pytest
 import jaxfrenet as jf
 import scenarios
 from experiments import evaluate
-from experiments._driving import chosen_planner, cost_weights, planner_config
+from experiments._driving import chosen_planner, fixed_weights, planner_config
 from experiments._player_data import player_data
 from experiments._recording import record
 from experiments._results import episode_row, summarize, summary_table
+from jaxfrenet.sampling import SAMPLING_TERMS
 from scenarios.families import FAMILIES, Draw
 
 SUMMARY = {"scenarios", "mean_ego_risk", "mean_third_party_risk", "seconds", "planning_cycles", "skipped"}
@@ -155,7 +156,8 @@ def test_a_step_without_a_trajectory_is_not_driven(evaluated, builtin_file):
 def test_config_records_what_was_asked_for(evaluated):
     config = read(evaluated)["config"]
     assert (config["predictor"], config["emergency"]) == (evaluate.EvaluateOptions().predictor, "stopping")
-    assert config["weights"] == {name: getattr(jf.CostWeights(), name) for name in jf.CostWeights().names()}
+    weights = {name: getattr(jf.CostWeights(), name) for name in jf.CostWeights().names()}
+    assert config["weights"] == weights | dict.fromkeys(SAMPLING_TERMS, 1.0)
     assert config["scenarios"] == ["builtin"]
     assert not {"generate", "generator_seed", "family", "preset"} & set(config)
 
@@ -181,10 +183,12 @@ def test_the_emergency_is_the_planners():
 
 
 def test_weights_replace_the_default_ones():
-    weights = cost_weights(("prediction=50", "jerk=0.1"))
+    weights, reach = fixed_weights(("prediction=50", "jerk=0.1"))
     assert (weights.prediction, weights.jerk) == (50.0, 0.1)
     assert weights.lateral_jerk == jf.CostWeights().lateral_jerk
-    assert weights.acceleration is None
+    assert weights.acceleration is None and reach is None
+    weights, reach = fixed_weights(("prediction=50", "braking_range=0.5"))
+    assert weights.prediction == 50.0 and reach == jf.SamplingRange(braking_range=0.5)
 
 
 def test_scenarios_of_one_name_keep_their_own_files():

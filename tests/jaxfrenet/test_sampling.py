@@ -1,6 +1,7 @@
 """The sampling matrix by hand."""
 
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 import jaxfrenet as jf
+from jaxfrenet import simulation
 from jaxfrenet.environment import SAMPLING_ADJUSTMENTS, EnvironmentConfig
 from jaxfrenet.environment.action import adjust, cost_weights, default_weights, sampling_range
 from jaxfrenet.sampling import sample_end_states
@@ -42,6 +44,7 @@ def test_end_offsets():
         ((0.0, 0.1, 0.2), (9.0001, 10.0), 0.7),
         ((2.0, 0.5, 1.0), (5.0005, 21.5), 3.5),
         ((9.0, 0.0, 0.0), (10.0, 36.0), 0.0),
+        ((1.0, 2.0, 2.0), (0.001, 15.75), 7.0),
     ],
 )
 def test_shares_of_the_ranges(reach, speeds, side):
@@ -78,3 +81,18 @@ def test_a_cycle_samples_what_it_is_told(config, world, plan):
     assert some.end_speed.shape == usual.bundle.end_speed.shape
     assert 8.0 <= some.end_speed.min() < 8.01 and some.end_speed.max() <= 10.001
     assert np.abs(some.end_offset).max() == pytest.approx(0.35)
+
+
+def test_whole_episodes_sample_what_they_are_told(config, world, monkeypatch):
+    asked, plan = [], simulation.plan
+
+    def ask(config, scenario, state, weights, reach):
+        asked.append(reach)
+        return plan(config, scenario, state, weights, reach)
+
+    monkeypatch.setattr(simulation, "plan", ask)
+    drive: Any = jf.roll_out
+    for reach in (None, jf.SamplingRange(2.0, 0.5, 0.4)):
+        asked.clear()
+        jax.eval_shape(lambda *given: drive.__wrapped__(config, world(), jf.CostWeights(), 3, *given), reach)
+        assert asked and {type(one) for one in asked} == {type(reach)}
