@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import re
+
 import jax
 from jax.sharding import Mesh
 
@@ -9,6 +12,22 @@ import ppo
 from experiments._presets import Preset
 from experiments._training_options import TrainOptions
 from scenarios.command_line import UserError
+
+
+THREADS_PER_DEVICE = 4
+"""Threads for each device that a CPU is divided into."""
+
+
+def provide_threads() -> None:
+    """Have threads enough where a CPU is divided into several devices; before anything is computed.
+
+    XLA has as many threads as there are cores for all devices of a CPU together. While one device waits in a thread for
+    the others, these may find none left to go on in, and training stands still for ever. `NPROC` is how XLA is told.
+    """
+    flag = re.search(r"xla_force_host_platform_device_count=(\d+)", os.environ.get("XLA_FLAGS", ""))
+    devices = int(flag[1]) if flag else 1
+    if devices > 1:
+        os.environ.setdefault("NPROC", str(max(os.cpu_count() or 1, THREADS_PER_DEVICE * devices)))
 
 
 def start_processes(options: TrainOptions) -> None:

@@ -21,7 +21,7 @@ from experiments._learning_curve import draw_learning_curve
 from experiments._planners import describe
 from experiments._presets import Preset
 from experiments._training_config import command_line, settle_config, with_config
-from experiments._training_devices import shared_mesh, start_processes
+from experiments._training_devices import provide_threads, shared_mesh, start_processes
 from experiments._training_log import TrainingLog, read_metrics
 from experiments._training_options import TrainOptions, environment_config, reward_factors, settings
 from experiments._training_problem import Problem, make_problem, scenario_sets
@@ -45,6 +45,7 @@ def train(options: TrainOptions) -> None:
     rewards = reward_factors("--rewards", options.rewards)
     environment = environment_config(options, preset)
     folder = prepare_folder(options.out)
+    provide_threads()
     start_processes(options)
     mesh = shared_mesh(options, preset)
     first = jax.process_index() == 0

@@ -15,6 +15,7 @@ import pytest
 import ppo
 from experiments import average, evaluate, train
 from experiments._planners import describe
+from experiments._training_devices import provide_threads
 from experiments._training_log import TrainingLog
 from jaxfrenet.environment import EnvironmentConfig, observation_fields
 
@@ -176,6 +177,25 @@ def test_bad_options(tmp_path, capsys, arguments, message):
     assert stop.value.code == 2
     assert error.startswith("train: ") and message in error
     assert not (tmp_path / "policy").exists()
+
+
+@pytest.mark.parametrize(
+    ("flags", "least"),
+    [
+        ("", None),
+        ("--xla_force_host_platform_device_count=1", None),
+        ("--x=1 --xla_force_host_platform_device_count=64", 256),
+    ],
+)
+def test_devices_of_one_cpu_get_threads_enough(monkeypatch, flags, least):
+    monkeypatch.setenv("NPROC", "")
+    monkeypatch.delenv("NPROC")
+    monkeypatch.setenv("XLA_FLAGS", flags)
+    provide_threads()
+    assert os.environ.get("NPROC") is None if least is None else int(os.environ["NPROC"]) >= least
+    monkeypatch.setenv("NPROC", "3")
+    provide_threads()
+    assert os.environ["NPROC"] == "3", "what the user says holds"
 
 
 def test_another_run_is_not_overwritten(trained, capsys):
