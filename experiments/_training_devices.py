@@ -13,7 +13,6 @@ from experiments._presets import Preset
 from experiments._training_options import TrainOptions
 from scenarios.command_line import UserError
 
-
 THREADS_PER_DEVICE = 4
 """Threads for each device that a CPU is divided into."""
 
