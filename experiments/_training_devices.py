@@ -6,6 +6,7 @@ import os
 import re
 
 import jax
+from jax.experimental import multihost_utils
 from jax.sharding import Mesh
 
 import ppo
@@ -42,6 +43,7 @@ def start_processes(options: TrainOptions) -> None:
     except (ValueError, RuntimeError) as error:
         reason = str(error).splitlines()[0]
         raise UserError(f"--distributed: {reason}; give --coordinator, --processes and --process") from None
+    multihost_utils.sync_global_devices("begun")
 
 
 def shared_mesh(options: TrainOptions, preset: Preset) -> Mesh | None:
