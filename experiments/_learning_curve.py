@@ -61,4 +61,4 @@ def _panel(axes: Axes, name: str, found: Sequence[Mapping[str, Any]], baseline: 
         label = "policy" if runs == 1 else f"policy, mean and range of {runs} runs"
         axes.plot(at, [float(np.mean(v)) for _, v in known], color=POLICY, label=label)
     if baseline is not None and baseline.get(name) is not None:
-        axes.axhline(baseline[name], color=DEFAULT, ls="--", label="default planner")
+        axes.axhline(baseline[name], color=DEFAULT, ls="--", label="default weights")

@@ -89,7 +89,7 @@ class TrainOptions(LearningOptions):
     """Train the hybrid planner: policy/ (the best on validation), metrics.jsonl, TensorBoard events, checkpoints/."""
 
     relative: bool = True
-    """Reward what is gained over the default planner in the same scenario: the same optimum, learned with less noise.
+    """Reward what is gained over the default weights in the same scenario: the same optimum, learned with less noise.
     Validation tells plain returns."""
     keep_policies: bool = False
     """Keep the policy of every validation in policies/STEP, to compare them or to average them with

@@ -40,7 +40,7 @@ class Problem(NamedTuple):
     max_steps: int
     """Steps after which every episode has ended."""
     baseline: dict[str, float]
-    """What validation says of the default planner."""
+    """What validation says of driving with the default weights."""
 
 
 def scenario_sets(options: LearningOptions, preset: Preset) -> TrainingSets:
@@ -61,22 +61,22 @@ def make_problem(
     discount: float | None = None,
     mesh: Mesh | None = None,
 ) -> Problem:
-    """Predict the traffic, and have the default planner drive.
+    """Predict the traffic, and drive with the default weights.
 
     Args:
       sets: scenarios to train and to validate on.
       config: static settings.
       rewards: factors of the reward, in training and in validation.
-      discount: γ, if training rewards are to be relative to the default planner's.
+      discount: γ, if training rewards are to be relative to those with the default weights.
       mesh: devices that share the environments.
     """
     environment, max_steps = DrivingEnvironment(config), sets.max_steps()
     train, validation = environment_params(environment, sets, rewards)
-    learnt = drive_default(environment, one_each(train), max_steps, "default planner: training set")
+    learnt = drive_default(environment, one_each(train), max_steps, "default weights: training set")
     train = replace(train, chances=jnp.cumsum(shares(sets.groups)))
     if discount is not None:
         train = replace(train, baseline=baseline_of(np.asarray(learnt.rewards), discount))
-    driven = drive_default(environment, validation, max_steps, "default planner: validation set")
+    driven = drive_default(environment, validation, max_steps, "default weights: validation set")
     baseline = mean_scores(driven, None)[1]
     _print_sets(sets, learnt.hard)
     counted = jnp.ones(len(sets.validation))
@@ -92,7 +92,7 @@ def make_problem(
 def _print_sets(sets: TrainingSets, hard: np.ndarray) -> None:
     if jax.process_index() == 0:
         print(
-            f"{len(sets.train)} scenarios to train on, {int(np.sum(hard))} of them hard for the default planner; "
+            f"{len(sets.train)} scenarios to train on, {int(np.sum(hard))} of them hard with the default weights; "
             f"{len(sets.validation)} to validate on",
             flush=True,
         )

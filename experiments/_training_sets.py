@@ -26,7 +26,7 @@ from scenarios.families import LARGEST_SEED, Draw
 VALIDATION = 0.15
 """Generated scenarios to validate on, relative to those to train on."""
 TOGETHER = 16
-"""Scenarios that the default planner drives at once."""
+"""Scenarios that are driven with the default weights at once."""
 RISKY = 1e-12
 """Mean risk, to the ego and others together, from which on a scenario that ended well counts as hard."""
 
@@ -212,7 +212,7 @@ def zero_driver(environment: DrivingEnvironment, max_steps: int) -> Callable[[En
 
 
 def baseline_of(rewards: np.ndarray, discount: float) -> Baseline:
-    """What the default planner gets from each step on.
+    """What the default weights get from each step on.
 
     Args:
       rewards: `[scenarios, steps]`, its rewards.

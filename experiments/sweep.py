@@ -169,7 +169,7 @@ class _Trainers:
             self._sets = self._sets or scenario_sets(options, preset)
             judged_by = reward_factors("--objective", self._options.objective)
             self._problems[config] = make_problem(self._sets, config, judged_by)
-            tqdm.write(f"the default planner's score is {self._problems[config].baseline['return']:.2f}")
+            tqdm.write(f"the score with the default weights is {self._problems[config].baseline['return']:.2f}")
         return self._problems[config]
 
 

@@ -148,7 +148,7 @@ def _write(log: TrainingLog, seeds: int, step: int, batch: int, metrics: Any, sc
 
 
 def _told(problem: Problem, scores: Any) -> str:
-    return f"validation return {np.max(scores['return']):.0f} (default planner {problem.baseline['return']:.0f})"
+    return f"validation return {np.max(scores['return']):.0f} (default weights {problem.baseline['return']:.0f})"
 
 
 def _best(preset: Preset, state: ppo.TrainingState) -> tuple[ppo.Policy, float, int]:
@@ -163,7 +163,7 @@ def _best(preset: Preset, state: ppo.TrainingState) -> tuple[ppo.Policy, float, 
 def _keep_best(folder: Path, problem: Problem, preset: Preset, state: ppo.TrainingState, options: TrainOptions) -> None:
     """Write the best policy."""
     policy, score, steps = _best(preset, state)
-    about = {"validation_return": score, "default_planner_return": problem.baseline["return"]}
+    about = {"validation_return": score, "default_weights_return": problem.baseline["return"]}
     _save(folder / "policy", problem, preset, options, policy, about | {"steps": steps})
 
 
@@ -198,7 +198,7 @@ def _finish(folder: Path, problem: Problem, preset: Preset, state: ppo.TrainingS
     steps = _best(preset, state)[2]
     at_best = [one for one in lines if one["kind"] == "validation" and one["step"] == steps]
     best = max(at_best, key=lambda line: line["return"], default=None)
-    print(f"{'validation':<28}{'default planner':>16}{'best policy':>14}")
+    print(f"{'validation':<28}{'default weights':>16}{'best policy':>14}")
     for name, title, form in SHOWN:
         mine = "-" if best is None else format(best[name], form)
         print(f"  {title:<26}{format(problem.baseline[name], form):>16}{mine:>14}")

@@ -30,7 +30,8 @@ class Adjustment:
     high: float
     """Highest weight."""
     default: float
-    """Weight at the start of an episode, which the default planner keeps; for a range it is 1."""
+    """Weight at the start of an episode, which the zero action keeps. Where it is the planner's own, 1 for a range, the
+    zero action drives as the default planner does."""
     cost: CostTerm | None = None
     """What computes the term where it is not one of `COST_TERMS`; `term` then only names it."""
 

@@ -29,9 +29,9 @@ OUTCOMES = tuple(outcome for outcome in Outcome if outcome is not Outcome.RUNNIN
 
 @pytree_dataclass
 class Baseline:
-    """What the default planner gets in each scenario. Rewards relative to it have the same optimum, and less noise.
+    """What the zero action gets in each scenario. Rewards relative to it have the same optimum, and less noise.
 
-    They are r + γ Φ(s') - Φ(s), with Φ what the default planner gets from that step on in the same scenario and 0 after
+    They are r + γ Φ(s') - Φ(s), with Φ what the zero action gets from that step on in the same scenario and 0 after
     an episode's end (Ng, Harada and Russell, "Policy invariance under reward transformations", ICML 1999): the zero
     action is rewarded with nothing at all.
     """

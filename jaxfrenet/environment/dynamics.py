@@ -36,7 +36,7 @@ class Situation:
 
 
 def begin(config: EnvironmentConfig, scenario: Scenario) -> Situation:
-    """The start of an episode: the default planner's weights."""
+    """The start of an episode: the default weights."""
     state, weights = reset(config.planner, scenario), default_weights(config.adjustments)
     return Situation(state, weights, state.ego.arc_length, first_observation(config, scenario, state, weights))
 
