@@ -10,6 +10,7 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import EngFormatter, MaxNLocator
 
 from experiments._exhibits import new_figure
 from scenarios.files import written_whole
@@ -43,6 +44,8 @@ def learning_curve(lines: Sequence[Mapping[str, Any]]) -> Figure:
         _panel(axes, name, found, baseline)
         axes.set_title(title, loc="left")
         axes.set_xlabel("environment steps")
+        axes.xaxis.set_major_locator(MaxNLocator(4))
+        axes.xaxis.set_major_formatter(EngFormatter(sep=""))
         if is_log and all(line.get(name) for line in found):
             axes.set_yscale("log")
         axes.spines[["top", "right"]].set_visible(False)
