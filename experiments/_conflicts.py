@@ -3,32 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 
 import jax
 import numpy as np
 from tqdm import tqdm
 
 import jaxfrenet as jf
-from experiments._training_sets import TOGETHER, TrainingSets, common_sizes, joined, one_each, zero_driver
+from experiments._training_sets import TOGETHER, common_sizes, one_each, zero_driver
 from jaxfrenet.environment import DrivingEnvironment, EnvironmentConfig, RewardFactors, make_params
 from scenarios import Dataset
 
 CONFLICT = 1e-6
 """Mean risk, to the ego and others together, from which on a planner that disregards the traffic is in conflict."""
-
-
-def only_conflicts(config: EnvironmentConfig, sets: TrainingSets) -> TrainingSets:
-    """The sets without the scenarios in which the traffic is never in the way; see `with_conflicts`.
-
-    Raises:
-      UserError: nothing is left to train or to validate on.
-    """
-    bounds = np.cumsum([0, *sets.groups]).tolist()
-    groups = [sets.train.part(range(*ends)) for ends in pairwise(bounds)]
-    kept = [with_conflicts(config, group) for group in groups]
-    left = TrainingSets(joined(kept), with_conflicts(config, sets.validation), tuple(len(group) for group in kept))
-    return left.checked("--conflicts leaves no scenario")
 
 
 def with_conflicts(config: EnvironmentConfig, found: Dataset) -> Dataset:

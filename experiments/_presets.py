@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from jaxfrenet.config import Sampling
+from jaxfrenet.environment import PAPER_ADJUSTMENTS, Adjustment, RewardFactors
 from ppo import Hyperparameters, NetworkConfig, PPOConfig
 
-PresetName = Literal["paper", "cpu", "gpu", "quick"]
+PresetName = Literal["paper", "cpu", "cpu-paper", "gpu", "quick"]
 FLOOR = 0.1
 """Observations have scales of their own already. Fields that hardly vary in training, such as means over the bundle,
 shift with the number of trajectories and the family of scenarios; without a floor that would be blown up."""
@@ -28,8 +29,67 @@ class Preset:
     """Scenarios that are generated of every kind, if no files are named."""
     validate_every: int
     """Updates between validations."""
+    rewards: RewardFactors = RewardFactors()
+    """Factors of the reward."""
+    adjustments: tuple[Adjustment, ...] = PAPER_ADJUSTMENTS
+    """What an action changes."""
+    kinds: tuple[str, ...] = ("tjunction:commonroad", "tjunction:hard")
+    """Kinds of scenarios to generate, see `training_sets`."""
+    conflicts: bool = False
+    """Whether those that are generated are left out where the traffic is never in the way."""
 
 
+REWARDS = RewardFactors(
+    goal_reached_in_time=100.0,
+    goal_reached_faster=50.0,
+    goal_reached_late=30.0,
+    collision=-300.0,
+    infeasible=-300.0,
+    timeout=-300.0,
+    past_goal=-300.0,
+    speed=-0.1,
+    ego_risk=-500.0,
+    third_party_risk=-500.0,
+    risk_magnitude=-1.5,
+    weights=-0.002,
+    prediction_weight=0.0,
+)
+"""What a million steps can learn from: ends that do not drown everything else, and risks that count long before they
+become collisions. With the published factors a risk of 1e-5 counts a thousandth of the rest."""
+FAR_SIGHTED = Hyperparameters(
+    discount=0.995, gae_lambda=0.98, initial_std=0.2, entropy_coefficient=0.001, noise_correlation=0.5
+)
+"""A weight that changes now tells a second or two later, and matters when it stays away for as long."""
+AROUND_OWN_WEIGHTS = (
+    Adjustment("prediction", scale=2.0, low=0.0, high=400.0, default=200.0),
+    Adjustment("lateral_jerk", scale=0.02, low=0.001, high=2.0, default=1.0),
+    Adjustment("longitudinal_jerk", scale=0.04, low=0.01, high=0.4, default=0.1),
+    Adjustment("distance_to_reference_path", scale=0.02, low=0.001, high=2.0, default=1.0),
+    Adjustment("velocity_offset", scale=0.05, low=0.05, high=0.6, default=0.2),
+    Adjustment("acceleration_range", scale=0.1, low=1.0, high=2.5, default=1.5),
+    Adjustment("braking_range", scale=0.05, low=0.3, high=1.0, default=0.5),
+    Adjustment("lateral_range", scale=0.05, low=0.2, high=0.7, default=0.4),
+)
+"""Cost weights and sampling ranges around constants that drive better than the default planner."""
+
+_CPU = Preset(
+    ppo=PPOConfig(
+        environments=64,
+        rollout_steps=74,
+        epochs=5,
+        minibatches=8,
+        observation_floor=FLOOR,
+        network=NetworkConfig(lstm_size=128),
+    ),
+    hyperparameters=FAR_SIGHTED,
+    total_steps=1_000_000,
+    sampling="full",
+    generate=500,
+    validate_every=20,
+    rewards=REWARDS,
+    adjustments=AROUND_OWN_WEIGHTS,
+    conflicts=True,
+)
 PRESETS: dict[PresetName, Preset] = {
     "paper": Preset(
         ppo=PPOConfig(
@@ -46,22 +106,10 @@ PRESETS: dict[PresetName, Preset] = {
         generate=1000,
         validate_every=50,
     ),
-    "cpu": Preset(
-        ppo=PPOConfig(
-            environments=64,
-            rollout_steps=74,
-            epochs=5,
-            minibatches=8,
-            observation_floor=FLOOR,
-            network=NetworkConfig(lstm_size=128),
-        ),
-        hyperparameters=Hyperparameters(),
-        total_steps=1_000_000,
-        sampling="fast",
-        generate=500,
-        validate_every=20,
-    ),
-    "gpu": Preset(
+    "cpu": _CPU,
+    "cpu-paper": replace(_CPU, sampling="fast", adjustments=PAPER_ADJUSTMENTS),
+    "gpu": replace(
+        _CPU,
         ppo=PPOConfig(
             environments=2048,
             rollout_steps=74,
@@ -70,9 +118,7 @@ PRESETS: dict[PresetName, Preset] = {
             observation_floor=FLOOR,
             network=NetworkConfig(),
         ),
-        hyperparameters=Hyperparameters(),
         total_steps=50_000_000,
-        sampling="full",
         generate=2000,
         validate_every=10,
     ),
@@ -92,5 +138,5 @@ PRESETS: dict[PresetName, Preset] = {
         validate_every=15,
     ),
 }
-"""`paper` has the paper's table; `cpu` is for two to four cores and an hour; `gpu` for one large GPU; `quick` takes a
-few minutes and shows that learning works."""
+"""`paper` has the paper's table; `cpu` is for two to four cores and an hour; `cpu-paper` is the same with the paper's
+actions, which start at the default planner's weights; `gpu` is for one large GPU; `quick` takes a few minutes."""

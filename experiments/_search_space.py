@@ -17,7 +17,6 @@ from experiments._training_options import (
     HYPERPARAMETERS,
     SIZES,
     LearningOptions,
-    environment_config,
     settings,
 )
 from jaxfrenet.environment import REWARD_TERMS
@@ -178,8 +177,7 @@ def _check(space: Space, base: LearningOptions) -> None:
     tried = [first | dict(zip(shaping, values, strict=True)) for values in itertools.product(*shaping.values())]
     tried += [first | {key: value} for key, values in ends.items() if key not in shaping for value in values]
     for chosen in tried:
-        options = space.options(base, chosen)
-        environment_config(options, settings(options))
+        settings(space.options(base, chosen))
 
 
 def _ends(distribution: BaseDistribution) -> tuple[Any, ...]:

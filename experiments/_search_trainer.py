@@ -17,7 +17,7 @@ import ppo
 from experiments._measuring import free_memory, fresh_bytes
 from experiments._presets import Preset
 from experiments._search_slots import Round
-from experiments._training_options import LearningOptions, reward_factors, settings
+from experiments._training_options import LearningOptions, settings
 from experiments._training_problem import Problem
 from experiments._training_program import CHUNK, Together, training_program
 from jaxfrenet._typing import Array
@@ -68,8 +68,8 @@ class SlotTrainer:
     def begin(self, placed: Mapping[int, LearningOptions]) -> None:
         """Begin trials: options by slot; the other slots go on."""
         for slot, options in placed.items():
-            rewards = reward_factors("--rewards", options.rewards)
-            self._chosen[slot] = settings(options).hyperparameters, rewards
+            chosen = settings(options)
+            self._chosen[slot] = chosen.hyperparameters, chosen.rewards
         fresh = self._start(*_stacked(self._chosen), self._problem.train, self._key)
         if self._state is not None:
             begins = np.isin(np.arange(self.slots), list(placed))

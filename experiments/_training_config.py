@@ -17,6 +17,8 @@ from scenarios.files import written_whole
 
 MACHINE = "config", "resume", "out", "devices", "distributed", "coordinator", "processes", "process"
 """Options that have nothing to do with what is learned."""
+PLAIN = "total_steps", "sampling", "generate", "validate_every", "kinds", "conflicts"
+"""Fields of a preset that JSON can hold as they are."""
 
 
 def config_document(options: TrainOptions, preset: Preset) -> dict[str, Any]:
@@ -45,7 +47,9 @@ def _preset_as_plain(preset: Preset) -> dict[str, Any]:
     return {
         "ppo": asdict(preset.ppo),
         "hyperparameters": vars(preset.hyperparameters),
-        **{name: getattr(preset, name) for name in ("total_steps", "sampling", "generate", "validate_every")},
+        "rewards": vars(preset.rewards),
+        "adjustments": [asdict(one) for one in preset.adjustments],
+        **{name: getattr(preset, name) for name in PLAIN},
     }
 
 

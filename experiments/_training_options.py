@@ -18,6 +18,7 @@ from jaxfrenet.environment import (
     PAPER_ADJUSTMENTS,
     REWARD_TERMS,
     SAMPLING_ADJUSTMENTS,
+    Adjustment,
     EnvironmentConfig,
     RewardFactors,
 )
@@ -43,8 +44,9 @@ class LearningOptions:
     """Begin with the options in this file, the config.json of another run or the best.json of a sweep; what else is on
     the command line overrides them."""
     preset: PresetName = "cpu"
-    """Settings of everything else: `quick` takes a few minutes, `cpu` an hour, `gpu` is for one large GPU, `paper` has
-    the paper's own numbers."""
+    """Settings of everything else: `quick` takes a few minutes; `cpu` takes about an hour and adjusts also how far the
+    sampling reaches; `cpu-paper` adjusts the paper's five weights only; `gpu` is for one large GPU; `paper` has the
+    paper's own numbers."""
     total_steps: int | None = None
     """Environment steps, if not as many as the preset has."""
     validate_every: int | None = None
@@ -54,31 +56,33 @@ class LearningOptions:
     --generate asks for it."""
     generate: int | None = None
     """How many scenarios to generate of every kind, if not as many as the preset has."""
-    kinds: tuple[str, ...] = ("tjunction:commonroad", "tjunction:hard")
-    """Kinds to generate, each FAMILY or FAMILY:PRESET; append =NUMBER for another number than --generate."""
+    kinds: tuple[str, ...] = ()
+    """Kinds to generate, if not those of the preset, each FAMILY or FAMILY:PRESET; append =NUMBER for another number
+    than --generate."""
     generator_seed: int = 0
     """Seed of the generated scenarios."""
     validation: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="PATH...")] = ()
     """Files to validate on; if none are named, 15 % of the files, and further generated scenarios."""
-    conflicts: bool = False
-    """Leave out scenarios, before training and validation, in which the traffic is never in the way: where even a
-    planner that disregards it comes near nobody. There is little to learn in them, and they are most."""
+    keep: Literal["all", "conflicts"] | None = None
+    """Which generated scenarios to train and to validate on, if not as the preset has it: `all`, or `conflicts`, those
+    in which the traffic is in the way. In the others, which are most, even a planner that disregards it comes near
+    nobody, and there is little to learn."""
     predictor: Literal["neural", "constant_velocity", "ground_truth"] = "neural"
     """How the planner predicts the traffic."""
     sampling: Sampling | None = None
     """How many trajectories a planning cycle samples, if not as the preset has it: `fast`, `full` or `dense`."""
     rewards: tuple[str, ...] = ()
-    """Factors of the reward as NAME=VALUE, in place of the published ones; a wrong name lists all."""
+    """Factors of the reward as NAME=VALUE, in place of the preset's; a wrong name lists all."""
     hyperparameters: tuple[str, ...] = ()
     """PPO's hyperparameters as NAME=VALUE, in place of the preset's; a wrong name lists all."""
     sizes: tuple[str, ...] = ()
     """PPO's sizes as NAME=NUMBER, in place of the preset's: environments, rollout_steps, epochs, minibatches,
     lstm_size."""
-    action_space: Literal["paper", "sampling"] = "paper"
-    """What an action changes: `paper`, five cost weights; `sampling`, also how far the sampled end speeds and offsets
-    reach, as the paper's outlook proposes."""
+    action_space: Literal["paper", "sampling"] | None = None
+    """What an action changes, if not as the preset has it: `paper`, five cost weights; `sampling`, also how far the
+    sampled end speeds and offsets reach, as the paper's outlook proposes."""
     actions: tuple[str, ...] = ()
-    """What an action may change, as TERM.PART=VALUE in place of the paper's numbers, for example
+    """What an action may change, as TERM.PART=VALUE in place of the preset's numbers, for example
     velocity_offset.scale=0.05; parts are scale (the change per step), low, high and default."""
     seed: int = 0
     """Seed of everything random in training."""
@@ -126,6 +130,7 @@ def settings(options: LearningOptions) -> Preset:
     generate = (0 if options.scenarios else preset.generate) if options.generate is None else options.generate
     if not generate and not options.scenarios:
         raise UserError("--generate 0 leaves nothing to train on; name files with --scenarios")
+    table = preset.adjustments if options.action_space is None else ACTION_SPACES[options.action_space]
     changed = named_numbers("--hyperparameters", options.hyperparameters, HYPERPARAMETERS)
     try:
         hyperparameters = replace(preset.hyperparameters, **changed)
@@ -139,6 +144,10 @@ def settings(options: LearningOptions) -> Preset:
         sampling=options.sampling or preset.sampling,
         generate=generate,
         validate_every=options.validate_every or preset.validate_every,
+        rewards=changed_rewards("--rewards", preset, options.rewards),
+        adjustments=_adjusted(table, options.actions),
+        kinds=options.kinds or preset.kinds,
+        conflicts=preset.conflicts if options.keep is None else options.keep == "conflicts",
     )
 
 
@@ -152,19 +161,14 @@ def _sized(config: ppo.PPOConfig, words: Sequence[str]) -> ppo.PPOConfig:
         raise UserError(f"--sizes: {str(error).partition('.')[2]}") from None
 
 
-def reward_factors(flag: str, words: Sequence[str]) -> RewardFactors:
-    """The published factors of the reward with what `NAME=VALUE` words of an option change."""
-    return RewardFactors(**named_numbers(flag, words, REWARD_TERMS))
+def changed_rewards(flag: str, preset: Preset, words: Sequence[str]) -> RewardFactors:
+    """A preset's factors of the reward with what `NAME=VALUE` words of an option change."""
+    return replace(preset.rewards, **named_numbers(flag, words, REWARD_TERMS))
 
 
-def environment_config(options: LearningOptions, preset: Preset) -> EnvironmentConfig:
-    """The planner and what an action may change.
-
-    Raises:
-      UserError: a number makes no sense.
-    """
-    table = ACTION_SPACES[options.action_space]
-    found = named_numbers("--actions", options.actions, ADJUSTABLE)
+def _adjusted(table: tuple[Adjustment, ...], words: Sequence[str]) -> tuple[Adjustment, ...]:
+    """The table with what `TERM.PART=VALUE` words change."""
+    found = named_numbers("--actions", words, ADJUSTABLE)
     parts: dict[str, dict[str, float]] = {one.term: {} for one in table}
     for name, value in found.items():
         term, _, part = name.partition(".")
@@ -172,10 +176,15 @@ def environment_config(options: LearningOptions, preset: Preset) -> EnvironmentC
             raise UserError(f"--actions {name}: not in this action space; add --action-space sampling")
         parts[term][part] = value
     try:
-        adjustments = tuple(replace(one, **parts[one.term]) for one in table)
+        return tuple(replace(one, **parts[one.term]) for one in table)
     except ValueError as error:
         raise UserError(f"--actions: {error}") from None
-    return EnvironmentConfig(jf.PlannerConfig.preset(preset.sampling, predictor=options.predictor), adjustments)
+
+
+def environment_config(options: LearningOptions, preset: Preset) -> EnvironmentConfig:
+    """The planner and what an action may change; `preset` is what the options make of theirs."""
+    planner = jf.PlannerConfig.preset(preset.sampling, predictor=options.predictor)
+    return EnvironmentConfig(planner, preset.adjustments)
 
 
 def named_numbers(flag: str, words: Sequence[str], names: Sequence[str]) -> dict[str, float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -11,7 +12,7 @@ import numpy as np
 from jax.sharding import Mesh
 
 import ppo
-from experiments._conflicts import only_conflicts
+from experiments._conflicts import with_conflicts
 from experiments._presets import Preset
 from experiments._training_options import LearningOptions, environment_config
 from experiments._training_sets import (
@@ -50,8 +51,10 @@ def scenario_sets(options: LearningOptions, preset: Preset) -> TrainingSets:
       UserError: nothing is left to train or to validate on.
       ScenarioError: a source holds nothing that can be driven.
     """
-    sets = training_sets(options.scenarios, options.validation, options.kinds, preset.generate, options.generator_seed)
-    return only_conflicts(environment_config(options, preset), sets) if options.conflicts else sets
+    keep = partial(with_conflicts, environment_config(options, preset)) if preset.conflicts else None
+    return training_sets(
+        options.scenarios, options.validation, preset.kinds, preset.generate, options.generator_seed, keep
+    )
 
 
 def make_problem(

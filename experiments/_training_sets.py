@@ -43,17 +43,6 @@ class TrainingSets(NamedTuple):
         """Both sets of scenarios."""
         return self.train, self.validation
 
-    def checked(self, complaint: str) -> TrainingSets:
-        """The same.
-
-        Raises:
-          UserError: one set is empty; the message begins with the complaint.
-        """
-        for name, part in zip(("training", "validation"), self.parts(), strict=True):
-            if not len(part):
-                raise UserError(f"{complaint} for {name}; give more with --generate, or files")
-        return self
-
     def max_steps(self) -> int:
         """Steps after which every episode has ended."""
         return max(jf.max_steps(one) for part in self.parts() for one in part.scenarios)
@@ -86,7 +75,12 @@ class Driven(NamedTuple):
 
 
 def training_sets(
-    files: Sequence[Path], validation: Sequence[Path], kinds: tuple[str, ...], count: int, seed: int
+    files: Sequence[Path],
+    validation: Sequence[Path],
+    kinds: tuple[str, ...],
+    count: int,
+    seed: int,
+    keep: Callable[[Dataset], Dataset] | None = None,
 ) -> TrainingSets:
     """Read and generate what to train on, and what to validate on.
 
@@ -98,6 +92,7 @@ def training_sets(
       kinds: kinds of scenarios to generate, `FAMILY` or `FAMILY:PRESET`, perhaps followed by `=NUMBER`.
       count: how many to generate of each kind without a number; 0 for none at all.
       seed: of the generator.
+      keep: leaves out some of the generated scenarios; files are always kept.
 
     Raises:
       UserError: nothing is left to train or to validate on.
@@ -113,11 +108,19 @@ def training_sets(
         for draw in tqdm(named, "generating", unit=" kinds", delay=5.0):
             other = draw._replace(count=max(1, round(VALIDATION * draw.count)), seed=(draw.seed + 1) % LARGEST_SEED)
             train.append(Dataset.from_generator(draw))
-            held_out.append(Dataset.from_generator(other))
+            if not validation:
+                held_out.append(Dataset.from_generator(other))
+        if keep is not None:
+            generated = slice(1 if files else 0, None)
+            for parts in (train, held_out):
+                parts[generated] = [keep(part) for part in parts[generated]]
     if validation:
         held_out = [Dataset.from_set(load_files(tuple(validation)))]
     sets = TrainingSets(joined(train), joined(held_out), tuple(len(group) for group in train))
-    return sets.checked("no scenario is left")
+    for name, part in zip(("training", "validation"), sets.parts(), strict=True):
+        if not len(part):
+            raise UserError(f"no scenario is left for {name}; give more with --generate, or files")
+    return sets
 
 
 def _draws(kinds: tuple[str, ...], count: int, seed: int) -> list[Draw]:

@@ -12,7 +12,7 @@ import jax
 from optuna.exceptions import StorageInternalError
 from tqdm import tqdm
 
-from experiments._presets import PresetName
+from experiments._presets import PRESETS, PresetName
 from experiments._search_results import draw_search, print_best, write_trials
 from experiments._search_slots import Search
 from experiments._search_space import Space, read_space
@@ -20,11 +20,11 @@ from experiments._search_storage import Pruning, open_study, reason
 from experiments._search_study import SharedStudy
 from experiments._search_trainer import SlotTrainer
 from experiments._training_config import config_document, with_config
-from experiments._training_options import LearningOptions, TrainOptions, environment_config, reward_factors, settings
+from experiments._training_options import LearningOptions, TrainOptions, changed_rewards, environment_config, settings
 from experiments._training_problem import Problem, make_problem, scenario_sets
 from experiments._training_program import CHUNK
 from experiments._training_sets import TrainingSets
-from jaxfrenet.environment import EnvironmentConfig
+from jaxfrenet.environment import EnvironmentConfig, RewardFactors
 from scenarios.command_line import UserError, prepare_folder, run_command
 from scenarios.files import written_whole
 
@@ -69,7 +69,7 @@ class SweepOptions(LearningOptions):
     """Trials side by side; if not given, 8 on a CPU, as many as fit into the memory of a GPU."""
     objective: tuple[str, ...] = ()
     """What trials are judged by: the mean return in validation with these factors of the reward, as NAME=VALUE in place
-    of the published ones, whatever factors a trial learns from; its best validation counts."""
+    of the preset's, whatever factors a trial learns from; its best validation counts."""
     pruning: Pruning = "median"
     """Which trials are given up: those below the median of the others at the same point, by successive `halving`, or
     none."""
@@ -90,9 +90,8 @@ def sweep(options: SweepOptions) -> None:
             raise UserError(f"--{name} {value}: give at least 1")
     same = {field.name: getattr(options, field.name) for field in fields(LearningOptions)}
     base = TrainOptions(**same, relative=False)
-    environment_config(base, settings(base))
-    for flag, words in (("--rewards", base.rewards), ("--objective", options.objective)):
-        reward_factors(flag, words)
+    settings(base)
+    _objective(options)
     space = read_space(options.space, base)
     folder = prepare_folder(options.out)
     storage = options.storage or f"sqlite:///{folder / 'study.db'}"
@@ -108,6 +107,11 @@ def sweep(options: SweepOptions) -> None:
         raise UserError(f"--storage: {reason(error)}; start the same command again to go on") from None
     finally:
         study.close()
+
+
+def _objective(options: SweepOptions) -> RewardFactors:
+    """The factors that all trials are judged by."""
+    return changed_rewards("--objective", PRESETS[options.preset], options.objective)
 
 
 def _in_common(options: SweepOptions, base: TrainOptions, space: Space) -> dict[str, Any]:
@@ -167,8 +171,7 @@ class _Trainers:
         config = environment_config(options, preset)
         if config not in self._problems:
             self._sets = self._sets or scenario_sets(options, preset)
-            judged_by = reward_factors("--objective", self._options.objective)
-            self._problems[config] = make_problem(self._sets, config, judged_by)
+            self._problems[config] = make_problem(self._sets, config, _objective(self._options))
             tqdm.write(f"the score with the default weights is {self._problems[config].baseline['return']:.2f}")
         return self._problems[config]
 

@@ -23,7 +23,7 @@ from experiments._presets import Preset
 from experiments._training_config import command_line, settle_config, with_config
 from experiments._training_devices import provide_threads, shared_mesh, start_processes
 from experiments._training_log import TrainingLog, read_metrics
-from experiments._training_options import TrainOptions, environment_config, reward_factors, settings
+from experiments._training_options import TrainOptions, environment_config, settings
 from experiments._training_problem import Problem, make_problem, scenario_sets
 from experiments._training_program import CHUNK, Together, training_program
 from jaxfrenet._typing import Array
@@ -42,7 +42,6 @@ class Runs(NamedTuple):
 def train(options: TrainOptions) -> None:
     """Train, validate, keep the best policy, and print how good it is."""
     preset = settings(options)
-    rewards = reward_factors("--rewards", options.rewards)
     environment = environment_config(options, preset)
     folder = prepare_folder(options.out)
     provide_threads()
@@ -53,7 +52,7 @@ def train(options: TrainOptions) -> None:
         settle_config(folder, options, preset)
     discount = float(preset.hyperparameters.discount) if options.relative else None
     sets = scenario_sets(options, preset)
-    problem = make_problem(sets, environment, rewards, discount, mesh)
+    problem = make_problem(sets, environment, preset.rewards, discount, mesh)
     checkpoints = ppo.Checkpoints(folder / "checkpoints")
     runs = _runs(options, preset, problem, mesh)
     restored = checkpoints.restore(runs.state, _report_skipped) if options.resume else None

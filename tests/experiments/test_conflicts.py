@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import jax.numpy as jnp
 import pytest
 
 import jaxfrenet as jf
-from experiments._conflicts import only_conflicts
-from experiments._training_sets import TrainingSets, joined, training_sets
+from experiments._conflicts import with_conflicts
+from experiments._training_sets import joined, training_sets
 from jaxfrenet.environment import EnvironmentConfig
-from scenarios import Dataset, Draw
+from scenarios import Dataset, Draw, builtin_paths
 from scenarios.command_line import UserError
 
 CONFIG = EnvironmentConfig(jf.PlannerConfig.preset("full"))
@@ -33,18 +34,27 @@ def empty(busy) -> Dataset:
 
 
 def test_only_scenarios_with_traffic_in_the_way_are_left(busy, empty):
-    first = joined([empty.part(range(4)), busy.part(range(4))])
-    second = joined([busy.part(range(4, 8)), empty.part(range(4, 8))])
-    left = only_conflicts(CONFIG, TrainingSets(first, second, (3, 5)))
-    assert left.groups == (0, len(left.train))
-    for kept, candidates in zip(left.parts(), (busy.scenarios[:4], busy.scenarios[4:]), strict=True):
-        assert len(kept)
-        assert all(any(one is candidate for candidate in candidates) for one in kept.scenarios)
+    kept = with_conflicts(CONFIG, joined([empty, busy]))
+    assert len(kept)
+    assert all(any(one is candidate for candidate in busy.scenarios) for one in kept.scenarios)
 
 
-def test_nothing_left(busy, empty):
-    with pytest.raises(UserError, match="--conflicts leaves no scenario for training"):
-        only_conflicts(CONFIG, TrainingSets(empty, busy, (8,)))
+def test_files_are_kept():
+    def nothing(found: Dataset) -> Dataset:
+        return found.part([])
+
+    def names(found: Dataset) -> list[str]:
+        return [info.name for info in found.infos]
+
+    files = [Path(path) for path in builtin_paths()]
+    kind = ("tjunction:commonroad",)
+    sets = training_sets(files, files[:1], kind, 3, 0, nothing)
+    assert sets.groups == (2, 0)
+    assert len(sets.train) == 2 and names(sets.validation) == names(Dataset.from_paths(files[:1]))
+    kept = training_sets(files, files[:1], kind, 3, 0)
+    assert (kept.groups, len(kept.validation)) == ((2, 3), 1)
+    with pytest.raises(UserError, match="no scenario is left for training; give more with --generate, or files"):
+        training_sets((), files, kind, 3, 0, nothing)
 
 
 def test_kinds_have_numbers_of_their_own():

@@ -20,7 +20,7 @@ from experiments._presets import PRESETS
 from experiments._search_study import SharedStudy
 from experiments._search_trainer import SlotTrainer, fit_into_memory
 from experiments._training_config import with_config
-from experiments._training_options import TrainOptions, reward_factors, settings
+from experiments._training_options import TrainOptions, settings
 from experiments._training_problem import Problem
 from experiments._training_program import training_program
 from jaxfrenet._typing import Array
@@ -92,8 +92,7 @@ def trial(learning_rate: float, speed: float) -> TrainOptions:
 def scores_alone(options: TrainOptions, rounds: int) -> list[float]:
     """Scores of a trial as `train` would train it, judged by the published factors."""
     problem, preset = centering(RewardFactors()), settings(options)
-    rewards = reward_factors("--rewards", options.rewards)
-    train = replace(problem.train, rewards=jax.tree.map(jnp.float32, rewards))
+    train = replace(problem.train, rewards=jax.tree.map(jnp.float32, preset.rewards))
     state = ppo.initial_state(preset.ppo, problem.environment, preset.hyperparameters, train, jax.random.key(0))
     program = training_program(preset.ppo, problem.environment, problem.max_steps)
     found = []

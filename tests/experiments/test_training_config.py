@@ -11,9 +11,10 @@ import tyro
 
 from experiments import train
 from experiments._planners import SHIPPED
+from experiments._presets import PRESETS
 from experiments._training_config import command_line, settle_config, with_config
 from experiments._training_options import TrainOptions, environment_config, settings
-from jaxfrenet.environment import PAPER_ADJUSTMENTS, SAMPLING_ADJUSTMENTS
+from jaxfrenet.environment import PAPER_ADJUSTMENTS, SAMPLING_ADJUSTMENTS, RewardFactors
 from scenarios.command_line import UserError
 
 CHANGED = TrainOptions(
@@ -71,7 +72,33 @@ def test_sizes_and_actions_take_effect():
     expected = [replace(one, scale=0.05) if one.term == "velocity_offset" else one for one in PAPER_ADJUSTMENTS]
     assert list(changed.adjustments) == expected
     wider = replace(CHANGED, action_space="sampling", actions=("braking_range.low=0.5",))
-    assert environment_config(wider, preset).adjustments[6] == replace(SAMPLING_ADJUSTMENTS[6], low=0.5)
+    assert environment_config(wider, settings(wider)).adjustments[6] == replace(SAMPLING_ADJUSTMENTS[6], low=0.5)
+
+
+def test_the_papers_preset_has_the_papers_numbers():
+    paper = settings(TrainOptions(preset="paper"))
+    assert (paper.ppo.environments, paper.ppo.rollout_steps, paper.ppo.epochs, paper.total_steps) == (16, 147, 5, 7e6)
+    chosen = paper.hyperparameters
+    assert (chosen.learning_rate, chosen.discount, chosen.gae_lambda, chosen.clip_epsilon) == (3e-4, 0.99, 0.97, 0.1)
+    assert paper.rewards == RewardFactors() and paper.adjustments == PAPER_ADJUSTMENTS and not paper.conflicts
+
+
+def test_options_go_before_what_a_preset_has():
+    preset = PRESETS["cpu"]
+    assert settings(TrainOptions(preset="cpu")) == preset
+    options = TrainOptions(
+        preset="cpu",
+        keep="all",
+        kinds=("crossing",),
+        rewards=("timeout=-1",),
+        actions=("prediction.scale=9",),
+        action_space="paper",
+    )
+    changed = settings(options)
+    assert (changed.conflicts, changed.kinds) == (False, ("crossing",))
+    assert changed.rewards == replace(preset.rewards, timeout=-1.0)
+    assert changed.adjustments == (replace(PAPER_ADJUSTMENTS[0], scale=9.0), *PAPER_ADJUSTMENTS[1:])
+    assert settings(TrainOptions(preset="paper", keep="conflicts")).conflicts
 
 
 @pytest.mark.parametrize(
@@ -99,7 +126,10 @@ def test_bad_files(tmp_path, capsys, content, message):
         (["--sizes", "epochs=1.5"], "--sizes: epochs 1.5: give a positive integer"),
         (["--sizes", "minibatches=7", "--preset", "quick"], "--sizes: environments 16 cannot be divided"),
         (["--actions", "speed.scale=1"], "there is no 'speed.scale'; there are prediction.scale, "),
-        (["--actions", "braking_range.low=0.5"], "not in this action space; add --action-space sampling"),
+        (
+            ["--actions", "braking_range.low=0.5", "--preset", "paper"],
+            "not in this action space; add --action-space sampling",
+        ),
         (["--actions", "prediction.low=300"], "--actions: adjustment of 'prediction': choose finite numbers"),
         (["--config"], "--config"),
     ],
