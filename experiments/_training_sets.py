@@ -104,16 +104,14 @@ def training_sets(
         rest = (parts.test, parts.validation) if validation else (parts.test,)
         train, held_out = [joined([parts.train, *rest])], [parts.validation]
     if count:
-        named = _draws(kinds, count, seed)
+        named, drawn, others = _draws(kinds, count, seed), [], []
         for draw in tqdm(named, "generating", unit=" kinds", delay=5.0):
             other = draw._replace(count=max(1, round(VALIDATION * draw.count)), seed=(draw.seed + 1) % LARGEST_SEED)
-            train.append(Dataset.from_generator(draw))
+            drawn.append(Dataset.from_generator(draw))
             if not validation:
-                held_out.append(Dataset.from_generator(other))
-        if keep is not None:
-            generated = slice(1 if files else 0, None)
-            for parts in (train, held_out):
-                parts[generated] = [keep(part) for part in parts[generated]]
+                others.append(Dataset.from_generator(other))
+        train += drawn if keep is None else map(keep, drawn)
+        held_out += others if keep is None else map(keep, others)
     if validation:
         held_out = [Dataset.from_set(load_files(tuple(validation)))]
     sets = TrainingSets(joined(train), joined(held_out), tuple(len(group) for group in train))
